@@ -26,15 +26,21 @@ import numpy as np  # noqa: E402
 from _common import ROOT, environment, write_result  # noqa: E402
 from _table4_identified import identified  # noqa: E402
 
-from smsid.control.closed_loop import track_many  # noqa: E402
-from smsid.control.disturbance import left_out, sensor_noise  # noqa: E402
+from smsid.control.closed_loop import (  # noqa: E402
+    left_out,
+    sensor_noise,
+    track_many,
+)
 from smsid.control.gains import gains  # noqa: E402
-from smsid.control.guarded import guarded_term  # noqa: E402
 from smsid.control.identified_model import inertia_at  # noqa: E402
 from smsid.control.pd import ModelBasedController  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.robust import flexible_plant, least_damping, named_poles  # noqa: E402
-from smsid.control.robust_term import RobustTerm, design_robust_term  # noqa: E402
+from smsid.control.robust_term import (  # noqa: E402
+    RobustTerm,
+    design_robust_term,
+    guarded_term,
+)
 from smsid.control.trajectory import PAPER_ACCELERATION  # noqa: E402
 from smsid.control.weights import weights_from_level  # noqa: E402
 from smsid.description import load_description  # noqa: E402

@@ -25,13 +25,13 @@ from smsid.control.identified_model import inertia_at  # noqa: E402
 from smsid.control.pd import ModelBasedController  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.robust import flexible_plant, named_poles  # noqa: E402
-from smsid.control.shaper import shaper  # noqa: E402
 from smsid.control.trajectory import (  # noqa: E402
     Motion,
     Reference,
     Shaped,
     check_joints,
     minimum_jerk,
+    shaper,
     trapezoid,
 )
 from smsid.description import load_description  # noqa: E402

@@ -15,6 +15,7 @@ import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
 from functools import cache
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -30,7 +31,7 @@ from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 from smsid.paper.table4 import CONTROLLERS, INTEGRATED_GYRO, Case, Run, Study, Variant, cases  # noqa: E402
-from smsid.paper.table4_summary import improvements, orderings, printed, summarise  # noqa: E402
+from smsid.paper.table4_study import improvements, orderings, printed, summarise  # noqa: E402
 
 LINES = ROOT / "build" / "table4_runs.jsonl"
 MAIN, QUIET, GYRO = Variant(), "no noise", INTEGRATED_GYRO.name
@@ -118,7 +119,7 @@ def main() -> None:
             if time.monotonic() - begin > 60.0 * options.minutes:
                 break
             for job in as_completed([pool.submit(fly, *w) for w in jobs[at : at + options.workers]]):
-                file.writelines(json.dumps(run.to_table()) + "\n" for run in job.result())
+                file.writelines(json.dumps(asdict(run)) + "\n" for run in job.result())
                 file.flush()
             done_jobs = min(at + options.workers, len(jobs))
             print(f"{done_jobs}/{len(jobs)} jobs, {time.monotonic() - begin:.0f} s", flush=True)

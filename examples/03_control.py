@@ -17,9 +17,8 @@ import numpy as np
 from smsid.control.closed_loop import track
 from smsid.control.design import DesignRequest, design
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics
+from smsid.control.reduced import ReducedDynamics, perturbed
 from smsid.control.trajectory import Reference, minimum_jerk
-from smsid.control.uncertainty import perturbed
 from smsid.description import load_description
 from smsid.experiments import fly, named_experiment
 from smsid.identify.paper.pipeline import identify

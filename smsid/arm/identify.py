@@ -27,7 +27,7 @@ from smsid.arm.solve import settled_load, solve_equations
 from smsid.description import Description
 from smsid.effects import Effect
 from smsid.effects.assembly import Assembly
-from smsid.effects.base_tilt import tilt_of, tilted_gravity
+from smsid.effects.external import tilt_of, tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, ParameterEstimate, classify
 from smsid.model import SpacecraftModel, build_model

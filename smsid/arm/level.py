@@ -12,7 +12,7 @@ import numpy as np
 
 from smsid.arm.joint_torques import JointTorques, block_means
 from smsid.arm.smooth_motion import SmoothMotion
-from smsid.effects.base_tilt import BaseTilt, tilted_gravity
+from smsid.effects.external import BaseTilt, tilted_gravity
 from smsid.errors import DescriptionError
 from smsid.model.identifiable import BaseParameters
 from smsid.model.regressor import Regressor

@@ -32,7 +32,7 @@ from smsid.arm.smooth_motion import smooth_motion
 from smsid.description import Description
 from smsid.effects import Servo
 from smsid.effects.friction import depends_on_load
-from smsid.effects.servo import servos_of
+from smsid.effects.gear import servos_of
 from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate
 from smsid.model.spacecraft import SpacecraftModel

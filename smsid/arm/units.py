@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smsid.effects.rotor import turns
+from smsid.effects.spatial import turns
 from smsid.errors import DescriptionError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording.channels import SLIDING

@@ -12,8 +12,8 @@ from typing import Any, cast, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
+from smsid._listing import did_you_mean
 from smsid.campaign.outcome import Findings
-from smsid.description.schema import did_you_mean
 from smsid.errors import ExperimentError
 
 logger = logging.getLogger(__name__)

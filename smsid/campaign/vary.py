@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from smsid.description.schema import Description, did_you_mean
+from smsid._listing import did_you_mean
+from smsid.description.schema import Description
 from smsid.errors import ExperimentError
 from smsid.parameter import Parameter
 from smsid.sensing.sensor import Sensor

@@ -22,7 +22,7 @@ from smsid.cli.output import print_parts, say, told, working
 from smsid.cli.tables import estimate_parts, plain_table
 from smsid.description import Description
 from smsid.effects import BaseTilt
-from smsid.effects.base_tilt import tilt_of
+from smsid.effects.external import tilt_of
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import save_estimate
 from smsid.model.regressor import Regressor

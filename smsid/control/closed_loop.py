@@ -1,6 +1,7 @@
 """The complete nonlinear spacecraft under control: sensors, sampling, delay, wheel and joint limits.
 
-The flights of section V of the paper, (10)-(15) under (43) or (46).
+The flights of section V of the paper, (10)-(15) under (43) or (46); and what slosh, panel and sensors do to
+the loop, d_d of (45), as a bound the weights can use.
 """
 
 from __future__ import annotations
@@ -16,9 +17,12 @@ import pinocchio as pin
 
 from smsid.control.attitude import attitude_errors
 from smsid.control.compiled_flight import PLAIN, CompiledFlight
+from smsid.control.gains import Gains
 from smsid.control.pd import ModelBasedController
+from smsid.control.reduced import ReducedDynamics
 from smsid.control.sensed import SensedState, measured_truth
-from smsid.control.trajectory import sampled_motion
+from smsid.control.trajectory import Motion, sampled_motion
+from smsid.control.weights import in_band
 from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
@@ -74,12 +78,7 @@ class Actuators:
         """Return the generalised forces (nv,) for Q_c (3 + n,) at the true wheel rates (w,) [rad/s]."""
         found = self.layout.allocate(torques[:3], wheel_rates, self.period)
         joints = np.clip(torques[3:], -self.effort, self.effort)
-        for k in np.flatnonzero(found.torque_limited):
-            self._hit(f"{self.layout.names[k]} torque")
-        for k in np.flatnonzero(found.rate_limited):
-            self._hit(f"{self.layout.names[k]} speed")
-        for k in np.flatnonzero(joints != torques[3:]):
-            self._hit(f"{self.model.arm_joints.names[k]} torque")
+        self.add_hits(np.concatenate([found.torque_limited, found.rate_limited, joints != torques[3:]]))
         tau = np.zeros(self.model.nv)
         tau[self.model.wheels.v], tau[self.model.arm_joints.v] = found.wheels, joints
         return tau
@@ -88,14 +87,11 @@ class Actuators:
         """Add how often limits were met (2 w + n,): torques and rates of wheels, torques of joints."""
         wheels, joints = self.layout.names, self.model.arm_joints.names
         names = [*(f"{k} torque" for k in wheels), *(f"{k} speed" for k in wheels)]
-        for name, count in zip([*names, *(f"{k} torque" for k in joints)], counts.tolist(), strict=True):
-            if count:
-                self._hit(name, count)
-
-    def _hit(self, name: str, count: int = 1) -> None:
-        if name not in self.hits:
-            logger.info("%s is at its limit", name)  # the run says so, and how often
-        self.hits[name] = self.hits.get(name, 0) + count
+        names += [f"{k} torque" for k in joints]
+        for k in np.flatnonzero(counts):
+            if names[k] not in self.hits:
+                logger.info("%s is at its limit", names[k])  # the run says so, and how often
+            self.hits[names[k]] = self.hits.get(names[k], 0) + int(counts[k])
 
 
 def track(
@@ -211,13 +207,64 @@ def tracking_of(
     wheels = tau[:, model.wheels.v]
     torques = np.hstack([-wheels @ actuators.layout.axes.T, tau[:, model.arm_joints.v]])
     return Tracking(
-        time,
-        error,
-        error_rate,
-        torques,
-        wheels,
-        v[:, model.wheels.v],
-        q,
-        v,
-        dict(actuators.hits),
+        time, error, error_rate, torques, wheels, v[:, model.wheels.v], q, v, dict(actuators.hits)
+    )
+
+
+def disturbance(run: Tracking, gains: Gains) -> np.ndarray:
+    """Return d_tot = dde + K_D de + K_P e (N, 3 + n) [rad/s^2] of a run, (45); dde by central differences."""
+    second = np.gradient(run.error_rate, run.time, axis=0)
+    return second + run.error_rate @ gains.derivative + run.error @ gains.proportional
+
+
+def left_out(model: SpacecraftModel, gains: Gains, reference: Motion, *, rate: float = 100.0) -> np.ndarray:
+    """Return the bound (3 + n,) [rad/s^2] on what slosh and panel do along a reference: the largest |d_d|.
+
+    The complete spacecraft flies the reference under PD with its own parameters and exact measurements, so
+    all that is left of (45) is d_d (and the hold of the sampled torques, which the loop sees as well).
+    """
+    run = track(
+        model, ModelBasedController(ReducedDynamics(model), gains, reference), rate=rate, limits=False
+    )
+    return np.abs(disturbance(run, gains)).max(axis=0)
+
+
+def sensor_noise(
+    sensors: Sequence[Sensor], joints: int, rate: float, crossover: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return one sigma of noise on angles and rates, (3 + n,) each [rad, rad/s], in the band of the loop.
+
+    As `sensor_sigma`, sampled at ``rate`` [Hz], below ``crossover`` [rad/s].
+    """
+    angle, speed = sensor_sigma(sensors, joints)
+    return in_band(angle, rate, crossover), in_band(speed, rate, crossover)
+
+
+def sensor_sigma(sensors: Sequence[Sensor], joints: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return one sigma of a sample's noise on angles and rates, (3 + n,) each [rad, rad/s].
+
+    White noise of the first sensor that measures the quantity; biases are no noise and not counted. Raises
+    `ControlError` when a quantity is not measured, or without noise.
+    """
+    sizes = {"attitude": 3, "joint_position": joints, "angular_rate": 3, "joint_velocity": joints}
+    sigma = {}
+    for quantity, size in sizes.items():
+        owner = next((s for s in sensors if quantity in s.quantities), None)
+        if owner is None:
+            raise ControlError(
+                f"No sensor measures {quantity.replace('_', ' ')}, so its noise is not known.",
+                advice="Add a sensor to the description.",
+            )
+        sigma[quantity] = np.broadcast_to(owner.error(quantity).white_sigma(owner.rate), size)
+        if not (sigma[quantity] > 0.0).all():
+            raise ControlError(
+                f"No noise is stated of {quantity.replace('_', ' ')}, measured by '{owner.name}'; a design "
+                "without noise is ill-posed.",
+                advice=f"State it in the description: errors.{quantity} = {{ noise_sigma = ... }}, or let "
+                "another sensor measure it.",
+                sensor=owner.name,
+            )
+    return (
+        np.concatenate([sigma["attitude"], sigma["joint_position"]]),
+        np.concatenate([sigma["angular_rate"], sigma["joint_velocity"]]),
     )

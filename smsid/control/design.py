@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.control.disturbance import left_out, sensor_noise, sensor_sigma
+from smsid.control.closed_loop import left_out, sensor_noise, sensor_sigma
 from smsid.control.gains import gains
-from smsid.control.guarded import guarded_term
 from smsid.control.identified_model import IdentifiedModel, identified_level, identified_model, inertia_at
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust import Pole, flexible_plant, refuse_unstable
-from smsid.control.robust_term import RobustTerm
+from smsid.control.robust_term import RobustTerm, guarded_term
 from smsid.control.robustness import Robustness, robust_stability
 from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, design_motion
 from smsid.control.tuning import Demands, Tuning, natural_modes, tuned_gains
@@ -126,7 +125,7 @@ def design(
             request.rate,
             GAINS_BELOW_CROSSOVER * request.crossover,
         )
-        tuning = tuned_gains(plant, flexible, inertia, demands, natural_modes(plant, rng))
+        tuning = tuned_gains(flexible, inertia, demands, natural_modes(plant, rng))
         k = tuning.gains
     else:
         k = gains(n, *request.gains)

@@ -66,7 +66,7 @@ class ModelBasedController:
             if size != dynamics.size:
                 raise ControlError(
                     f"The {what} have {size} coordinates, the spacecraft has {dynamics.size}: 3 of "
-                    f"attitude and the joints {', '.join(dynamics.arm.names)}.",
+                    f"attitude and the joints {', '.join(dynamics.arm.names)}."
                 )
         self.dynamics, self.gains, self.reference = dynamics, gains, reference
         self.coordinates: Coordinates = coordinates
@@ -97,7 +97,7 @@ class ModelBasedController:
         acceleration = self.gains.derivative @ rate + self.gains.proportional @ error
         robust = self._robust(error, rate)
         acceleration -= robust
-        acceleration[:3] = base.jacobian @ (acceleration[:3] + base.acceleration) + base.bias
+        acceleration[:3] = base.jacobian @ acceleration[:3] + base.bias
         acceleration[3:] += wanted_acceleration[3:]
         terms = self.dynamics.body_terms(seen.omega, seen.angles, seen.rates, seen.wheel_rates)
         return Command(self.dynamics.torques(terms, acceleration), error, rate, robust)

@@ -18,12 +18,12 @@ conserved angular momentum. Attitude coordinates give (40): H = S^T H_b S, J_c^T
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.control.attitude import euler_jacobian
 from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError
 from smsid.model.spacecraft import JointGroup, SpacecraftModel, set_group_angles
@@ -39,15 +39,6 @@ class BodyTerms:
     inertia: np.ndarray
     bias: np.ndarray
     input: np.ndarray
-
-
-@dataclass(frozen=True)
-class JointSpace:
-    """H qdd + c = J_c^T Q_c, equation (40): ``inertia`` H, ``bias`` c, ``jacobian_t`` J_c^T."""
-
-    inertia: np.ndarray
-    bias: np.ndarray
-    jacobian_t: np.ndarray
 
 
 class ReducedDynamics:
@@ -110,11 +101,7 @@ class ReducedDynamics:
         return other
 
     def body_terms(
-        self,
-        omega: np.ndarray,
-        angles: np.ndarray,
-        rates: np.ndarray,
-        wheel_rates: np.ndarray | None = None,
+        self, omega: np.ndarray, angles: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | None = None
     ) -> BodyTerms:
         """Return the dynamics in body velocities.
 
@@ -171,24 +158,19 @@ class ReducedDynamics:
 
     def joint_space(
         self, coordinates: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | None = None
-    ) -> JointSpace:
-        """Return (40) in the paper's coordinates (41): roll, pitch, yaw of the base and arm joints.
+    ) -> BodyTerms:
+        """Return H qdd + c = J_c^T Q_c (40) in the paper's coordinates (41): roll, pitch, yaw, arm joints.
 
-        Args:
-            coordinates, rates: (3 + n,) q and its derivative [rad, rad/s].
-            wheel_rates: (w,) [rad/s]; by default those of zero total momentum.
+        ``coordinates``, ``rates`` (3 + n,) q and its derivative [rad, rad/s]; ``wheel_rates`` (w,) [rad/s],
+        by default those of zero total momentum. ``input`` is J_c^T (3 + n, 3 + n).
         """
-        jacobian, change = euler_jacobian(coordinates[:3], rates[:3])
-        terms = self.body_terms(jacobian @ rates[:3], coordinates[3:], rates[3:], wheel_rates)
-        chart = np.eye(self.size)
-        chart[:3, :3] = jacobian
-        turning = np.zeros(self.size)
+        chart, turning = np.eye(self.size), np.zeros(self.size)
+        chart[:3, :3] = jacobian = pin.rpy.computeRpyJacobian(coordinates[:3], pin.LOCAL)
+        change = pin.rpy.computeRpyJacobianTimeDerivative(coordinates[:3], rates[:3], pin.LOCAL)
         turning[:3] = change @ rates[:3]
-        return JointSpace(
-            chart.T @ terms.inertia @ chart,
-            chart.T @ (terms.bias + terms.inertia @ turning),
-            chart.T @ self.base_input(terms),
-        )
+        terms = self.body_terms(jacobian @ rates[:3], coordinates[3:], rates[3:], wheel_rates)
+        bias = terms.bias + terms.inertia @ turning
+        return BodyTerms(chart.T @ terms.inertia @ chart, chart.T @ bias, chart.T @ self.base_input(terms))
 
     def configuration(self, angles: np.ndarray) -> np.ndarray:
         """Return q of ``pin`` with the arm joints at ``angles`` (n,) [rad]; overwritten by the next call."""
@@ -223,3 +205,39 @@ class ReducedDynamics:
 
 def _regrouped(model: pin.Model, group: JointGroup) -> JointGroup:
     return JointGroup.of(model, [model.getJointId(name) for name in group.names])
+
+
+Draw = Literal["uniform", "signs", "common"]
+
+
+def perturbed(
+    dynamics: ReducedDynamics, level: float, rng: np.random.Generator, draw: Draw = "uniform"
+) -> ReducedDynamics:
+    """Return the dynamics with every body's mass, centre of mass and inertia off by up to ``level``.
+
+    Per body one factor on the mass, one on the lever to the centre of mass, one on the inertia about it: each
+    body stays one that can exist. ``uniform`` draws each factor within 1 +- level, ``signs`` takes one of the
+    two ends, ``common`` one uniform factor for all masses and inertias. The wheels are known (section V). The
+    same generator state gives the same pattern at any level.
+
+    Raises `ControlError` for a level outside [0, 1) or an unknown way to draw.
+    """
+    if not 0.0 <= level < 1.0:
+        raise ControlError(f"An uncertainty of {level} is not in [0, 1).", advice="Give 0.05 for 5 %.")
+    wheels = set(dynamics.wheels.joints.tolist())
+    inertias = []
+    bodies = dynamics.pin.njoints - 1
+    if draw == "uniform":
+        pattern = rng.uniform(-1.0, 1.0, (bodies, 3))
+    elif draw == "signs":
+        pattern = rng.choice([-1.0, 1.0], (bodies, 3))
+    elif draw == "common":
+        pattern = np.tile([1.0, 0.0, 1.0], (bodies, 1)) * rng.uniform(-1.0, 1.0)
+    else:
+        raise ControlError(f"There is no way to draw '{draw}'.", advice="Use uniform, signs or common.")
+    for k in range(bodies):
+        body = dynamics.pin.inertias[k + 1]
+        mass, lever, inertia = 1.0 + level * pattern[k]
+        changed = pin.Inertia(mass * body.mass, lever * body.lever, inertia * body.inertia)
+        inertias.append(body.copy() if k + 1 in wheels else changed)
+    return dynamics.with_inertias(inertias)

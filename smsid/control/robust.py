@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.control.gains import Gains
-from smsid.control.statespace import StateSpace
+from smsid.control.statespace import StateSpace, lower_lft
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -88,9 +88,17 @@ def controlled_names(model: SpacecraftModel) -> tuple[list[int], tuple[str, ...]
     return kept, tuple(names)
 
 
-def law_of(gains: Gains, controller: StateSpace, inertia: np.ndarray) -> np.ndarray:
-    """Return (k, 2 k): Q_c = law @ (e, de), without the part of u_inf that comes from its state."""
-    return inertia @ (np.hstack([gains.proportional, gains.derivative]) - controller.d)
+def law_of(gains: Gains, controller: StateSpace | None, inertia: np.ndarray) -> StateSpace:
+    """Return Q_c = H_hat (K_D de + K_P e - u_inf) as a system from (e, de); ``inertia`` (k, k) is H_hat."""
+    c = controller or StateSpace.nothing(gains.size, 2 * gains.size)
+    through = inertia @ (np.hstack([gains.proportional, gains.derivative]) - c.d)
+    return StateSpace(c.a, c.b, -inertia @ c.c, through)
+
+
+def errors_of(coordinates: int, actuated: int) -> np.ndarray:
+    """Return (2 k, 2 m): (e, de) of the first k of m coordinates, from (x, x')."""
+    one = np.eye(actuated, coordinates)
+    return -np.block([[one, np.zeros_like(one)], [np.zeros_like(one), one]])
 
 
 def closed_loop_matrix(
@@ -100,23 +108,13 @@ def closed_loop_matrix(
 
     ``inertia`` (k, k) is H_hat. Raises `ControlError` when sizes do not fit.
     """
-    m, k = len(plant.mass), plant.actuated
+    k = plant.actuated
     if inertia.shape != (k, k) or gains.size != k:
         raise ControlError(
             f"An inertia of shape {inertia.shape} and gains of {gains.size} coordinates do not fit a "
             f"plant with {k} actuated ones."
         )
-    c = controller or StateSpace.nothing(k, 2 * k)
-    law = law_of(gains, c, inertia)
-    force = np.zeros((m, 2 * m + c.order))
-    force[:, :m], force[:, m : 2 * m] = -plant.stiffness, -plant.damping
-    force[:k, :k] -= law[:, :k]
-    force[:k, m : m + k] -= law[:, k:]
-    force[:k, 2 * m :] = -inertia @ c.c
-    seen = np.zeros((c.order, 2 * m + c.order))
-    seen[:, :k], seen[:, m : m + k], seen[:, 2 * m :] = -c.b[:, :k], -c.b[:, k:], c.a
-    top = np.hstack([np.zeros((m, m)), np.eye(m), np.zeros((m, c.order))])
-    return np.vstack([top, np.linalg.solve(plant.mass, force), seen])
+    return lower_lft(_open_loop(plant), law_of(gains, controller, inertia)).a
 
 
 def named_poles(
@@ -150,7 +148,7 @@ def least_damping(plant: FlexiblePlant) -> dict[str, float]:
     )
     least: dict[str, float] = {}
     for uncontrolled in (plant, held):
-        for p in _poles(uncontrolled, _free(uncontrolled)):
+        for p in _poles(uncontrolled, _open_loop(uncontrolled).a):
             if p.value.imag > 0.0:
                 least[p.name] = min(p.damping, least.get(p.name, np.inf))
     return least
@@ -171,11 +169,12 @@ def refuse_unstable(poles: tuple[Pole, ...]) -> tuple[Pole, ...]:
     return poles
 
 
-def _free(plant: FlexiblePlant) -> np.ndarray:
-    """Return A of (x, x') without any controller."""
-    m = len(plant.mass)
-    moved = -np.linalg.solve(plant.mass, np.hstack([plant.stiffness, plant.damping]))
-    return np.vstack([np.hstack([np.zeros((m, m)), np.eye(m)]), moved])
+def _open_loop(plant: FlexiblePlant) -> StateSpace:
+    """Return the system of states (x, x') from Q_c to (e, de)."""
+    m, k = len(plant.mass), plant.actuated
+    forces = np.hstack([-plant.stiffness, -plant.damping, np.eye(m, k)])
+    moved = np.vstack([np.eye(m, 2 * m + k, m), np.linalg.solve(plant.mass, forces)])
+    return StateSpace(moved[:, : 2 * m], moved[:, 2 * m :], errors_of(m, k), np.zeros((2 * k, k)))
 
 
 def _poles(plant: FlexiblePlant, a: np.ndarray) -> list[Pole]:

@@ -15,12 +15,14 @@ every |H^-1 H_hat - I| below |W_T|. The noise in a_fb makes D11 nonzero.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.control.gains import Gains
 from smsid.control.hinfinity import Plant, Synthesis, feasible, synthesize
+from smsid.control.robust import FlexiblePlant, Pole, least_damping, named_poles
 from smsid.control.statespace import StateSpace, hinf_norm, lower_lft, stack
 from smsid.control.weights import ROLL_OFF, SLOWEST, Weights
 from smsid.errors import ControlError
@@ -290,19 +292,15 @@ def rigid_loop(kp: np.ndarray, kd: np.ndarray, controller: StateSpace) -> StateS
 
     ``kp``, ``kd`` (k, k) [1/s^2, 1/s].
     """
-    k = len(kp)
-    zero, one = np.zeros((k, k)), np.eye(k)
-    law = np.hstack([kp, kd]) - controller.d
-    a = np.block(
-        [
-            [np.hstack([zero, one]), np.zeros((k, controller.order))],
-            [-law, controller.c],
-            [controller.b, controller.a],
-        ]
+    zero, one = np.zeros_like(kp), np.eye(len(kp))
+    double_integrator = StateSpace(
+        np.block([[zero, one], [zero, zero]]),
+        np.block([[zero, zero], [one, -one]]),
+        np.block([[one, zero], [zero, zero], [one, zero], [zero, one]]),
+        np.block([[zero, zero], [zero, one], [zero, zero], [zero, zero]]),
     )
-    b = np.vstack([zero, one, np.zeros((controller.order, k))])
-    c = np.block([[np.hstack([one, zero]), np.zeros((k, controller.order))], [law, -controller.c]])
-    return StateSpace(a, b, c, np.zeros((2 * k, k)))
+    k = controller
+    return lower_lft(double_integrator, StateSpace(k.a, k.b, -k.c, np.hstack([kp, kd]) - k.d))
 
 
 def _judged(
@@ -326,3 +324,43 @@ def _judged(
     return DesignBlock(
         index, found, error, crossover, peak_s, peak_t, (lower, upper), float(phase), loop.poles
     )
+
+
+logger = logging.getLogger(__name__)
+KEPT = 0.8
+"""Share of its own damping, base free or held, that a mode has to keep."""
+RELAXED = (1.5, 2.0, 3.0, 5.0, 10.0)
+"""Times the least bound on the error that is asked for when nothing else helps."""
+
+
+def guarded_term(
+    plant: FlexiblePlant, inertia: np.ndarray, gains: Gains, weights: Weights
+) -> tuple[RobustTerm, tuple[Pole, ...]]:
+    """Return the H-infinity term and the named poles of the loop with slosh and bending inside.
+
+    The slower the loop may cross over, the less noise and the more phase lag it has at the slow modes, and
+    the less error is asked for, the more it does: crossovers are given up, slowest first, then the bound on
+    the error is relaxed, until every mode keeps `KEPT` of its damping. What is left to be told stands in the
+    poles' flags. ``inertia`` (3 + n, 3 + n) is the controller's H_hat [kg m^2].
+
+    Raises `ControlError` as `design_robust_term`.
+    """
+    own = least_damping(plant)
+    slower, relaxed = SLOWER, iter(RELAXED)
+    factor: float | None = 1.0
+    while True:
+        term = design_robust_term(gains, weights, slower=slower, relaxed=factor)
+        poles = named_poles(plant, inertia, gains, term.controller)
+        lost = [p.name for p in poles if p.value.imag > 0.0 and p.damping < KEPT * own.get(p.name, 0.0)]
+        if not lost:
+            return term, poles
+        if slower:
+            chosen = min(b.crossover for b in term.blocks)
+            # what was not chosen need not be tried again
+            slower = tuple(s for s in slower if s * weights.crossover > chosen * (1.0 + 1e-9))
+            logger.info("%s would lose damping: crossovers above %.3g rad/s only", ", ".join(lost), chosen)
+            continue
+        factor = next(relaxed, None)
+        if factor is None:
+            return term, poles
+        logger.info("%s would lose damping: %.3g times the least bound on the error", ", ".join(lost), factor)

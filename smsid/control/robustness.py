@@ -6,7 +6,9 @@ found.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -90,7 +92,8 @@ def robust_stability(
         return worst_parameters(plant, inertia, gains, controller, level=level, scale=scale, rng=rng)
 
     damping, worst = damping_at(1.0)
-    drawn = [_least_damping(plant, d, inertia, gains, controller) for d in _samples(plant, rng, samples)]
+    closed = partial(plant.closed_loop, inertia=inertia, gains=gains, controller=controller)
+    drawn = [_least_damping(closed, d) for d in _samples(plant, rng, samples)]
     return Robustness(
         upper,
         frequency,
@@ -122,6 +125,7 @@ def worst_parameters(
     lower bound of the harm, not a guarantee.
     """
     rigid = np.array([c.rigid for c in plant.changes], dtype=bool)
+    closed = partial(plant.closed_loop, inertia=inertia, gains=gains, controller=controller)
 
     def to_the_end(direction: np.ndarray) -> np.ndarray:
         delta = np.where(rigid, 0.0, scale * np.sign(direction))
@@ -134,15 +138,14 @@ def worst_parameters(
     best, at = np.inf, np.zeros(len(plant.changes))
     for start in range(STARTS):
         delta = np.zeros(len(rigid)) if start == 0 else to_the_end(rng.standard_normal(len(rigid)))
-        now = _least_damping(plant, delta, inertia, gains, controller)
+        now = _least_damping(closed, delta)
         for _ in range(ROUNDS):
             if now < best:
                 best, at = now, delta
             if not np.isfinite(now):
                 break
-            slope = _slope(plant, delta, inertia, gains, controller)
-            moved = to_the_end(-slope)
-            new = _least_damping(plant, moved, inertia, gains, controller)
+            moved = to_the_end(-_slope(closed, delta))
+            new = _least_damping(closed, moved)
             if new >= now - 1e-12:
                 break
             delta, now = moved, new
@@ -151,7 +154,7 @@ def worst_parameters(
     return float(best), at
 
 
-def _lower_bound(damping_at, first: float) -> float:  # type: ignore[no-untyped-def]
+def _lower_bound(damping_at: Callable[[float], tuple[float, np.ndarray]], first: float) -> float:
     """Return 1 / the smallest scale of the intervals at which an unstable plant was found, to 1 %."""
     low, high = (0.0, 1.0) if first <= 0.0 else (1.0, 1.5)
     while high > 1.0 and damping_at(high)[0] > 0.0:
@@ -177,22 +180,18 @@ def _samples(plant: UncertainPlant, rng: np.random.Generator, count: int) -> lis
     return found
 
 
-def _least_damping(
-    plant: UncertainPlant, delta: np.ndarray, inertia: np.ndarray, gains: Gains, controller: StateSpace | None
-) -> float:
+def _least_damping(closed: Callable[[np.ndarray], np.ndarray], delta: np.ndarray) -> float:
     """Return the least damping ratio of the loop's poles, negative for an unstable one; inf for no plant."""
     try:
-        poles = np.linalg.eigvals(plant.closed_loop(delta, inertia, gains, controller))
+        poles = np.linalg.eigvals(closed(delta))
     except ControlError:
         return np.inf
     return float((-poles.real / np.maximum(np.abs(poles), 1e-300)).min())
 
 
-def _slope(
-    plant: UncertainPlant, delta: np.ndarray, inertia: np.ndarray, gains: Gains, controller: StateSpace | None
-) -> np.ndarray:
+def _slope(closed: Callable[[np.ndarray], np.ndarray], delta: np.ndarray) -> np.ndarray:
     """Return the derivative (changes,) of the least damping ratio, from its pole's left and right vectors."""
-    a = plant.closed_loop(delta, inertia, gains, controller)
+    a = closed(delta)
     values, right = np.linalg.eig(a)
     k = int(np.argmin(-values.real / np.maximum(np.abs(values), 1e-300)))
     pole, x = values[k], right[:, k]
@@ -203,7 +202,7 @@ def _slope(
     for i in range(len(delta)):
         step = np.zeros(len(delta))
         step[i] = 1e-4
-        change = (plant.closed_loop(delta + step, inertia, gains, controller) - a) / 1e-4
+        change = (closed(delta + step) - a) / 1e-4
         moved = complex(y @ change @ x)
         size = abs(pole)
         out[i] = -moved.real / size + pole.real * (pole.conjugate() * moved).real / size**3

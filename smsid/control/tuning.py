@@ -100,11 +100,7 @@ def natural_modes(plant: UncertainPlant, rng: np.random.Generator) -> tuple[Mode
 
 
 def tuned_gains(
-    plant: UncertainPlant,
-    flexible: FlexiblePlant,
-    inertia: np.ndarray,
-    demands: Demands,
-    modes: tuple[Mode, ...],
+    flexible: FlexiblePlant, inertia: np.ndarray, demands: Demands, modes: tuple[Mode, ...]
 ) -> Tuning:
     """Return gains that keep clear of the modes.
 

@@ -21,8 +21,8 @@ from smsid._statistics import NORMAL95
 from smsid.control.gains import Gains
 from smsid.control.identified_model import IdentifiedModel
 from smsid.control.mu import UncertainBlock
-from smsid.control.robust import controlled_names, law_of
-from smsid.control.statespace import StateSpace
+from smsid.control.robust import controlled_names, errors_of, law_of
+from smsid.control.statespace import StateSpace, lower_lft
 from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate
@@ -91,11 +91,7 @@ class UncertainPlant:
         return np.flatnonzero(np.any(touched, axis=0)) if touched else np.zeros(0, dtype=int)
 
     def closed_loop(
-        self,
-        delta: np.ndarray,
-        inertia: np.ndarray,
-        gains: Gains,
-        controller: StateSpace | None = None,
+        self, delta: np.ndarray, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
     ) -> np.ndarray:
         """Return A of (x, x', controller) at parameters ``delta`` (changes,), +-1 at the ends of intervals.
 
@@ -112,8 +108,8 @@ class UncertainPlant:
                 stiffness += d * c.stiffness
         if np.linalg.eigvalsh(mass)[0] <= 0.0:
             raise ControlError("These parameters are those of no spacecraft: its mass matrix is indefinite.")
-        a, _, _, _ = self._matrices(mass, damping, stiffness, inertia, gains, controller, None, None)
-        return a
+        law = law_of(gains, controller, inertia)
+        return lower_lft(self._open_loop(mass, damping, stiffness, np.zeros((len(mass), 0)), []), law).a
 
     def fractional(
         self, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None, *, level: float
@@ -149,52 +145,32 @@ class UncertainPlant:
                     sinks.append((what, v))
                     owner.append(k)
         blocks += [UncertainBlock(self.changes[k].name, 1, True) for k in owner if k >= 0]
-        a, b, c, d = self._matrices(
-            self.mass, self.damping, self.stiffness, inertia, gains, controller, np.hstack(sources), sinks
-        )
-        return StateSpace(a, b, c, d), tuple(blocks), np.array(owner)
+        loop = self._open_loop(self.mass, self.damping, self.stiffness, np.hstack(sources), sinks)
+        return lower_lft(loop, law_of(gains, controller, inertia)), tuple(blocks), np.array(owner)
 
-    def _matrices(
+    def _open_loop(
         self,
         mass: np.ndarray,
         damping: np.ndarray,
         stiffness: np.ndarray,
-        inertia: np.ndarray,
-        gains: Gains,
-        controller: StateSpace | None,
-        sources: np.ndarray | None,
-        sinks: list[tuple[str, np.ndarray]] | None,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return A, B, C, D of states (x, x', controller), w entering the forces, z as the sinks say."""
+        sources: np.ndarray,
+        sinks: list[tuple[str, np.ndarray]],
+    ) -> StateSpace:
+        """Return the system of states (x, x') from (w, Q_c) to (z, (e, de)), w taken from the forces by the
+        ``sources`` (m, w), z as the ``sinks`` say.
+        """
         n, k = len(self.kept), self.actuated
-        c = controller or StateSpace.nothing(k, 2 * k)
-        states = 2 * n + c.order
-        law = law_of(gains, c, inertia)
-        force = np.zeros((len(mass), states))
-        force[self.kept, np.arange(n)] -= stiffness[self.kept]
-        force[self.kept, n + np.arange(n)] -= damping[self.kept]
-        force[:, :k] -= self.input @ law[:, :k]
-        force[:, n : n + k] -= self.input @ law[:, k:]
-        force[:, 2 * n :] -= self.input @ (inertia @ c.c)
-        w = np.zeros((len(mass), 0)) if sources is None else -sources
-        accelerations = np.linalg.solve(mass, np.hstack([force, w]))
-        by_state, by_w = accelerations[:, :states], accelerations[:, states:]
-        top = np.zeros((n, states))
-        top[:, n : 2 * n] = np.eye(n)
-        seen = np.zeros((c.order, states))
-        seen[:, :k], seen[:, n : n + k], seen[:, 2 * n :] = -c.b[:, :k], -c.b[:, k:], c.a
-        a = np.vstack([top, by_state[self.kept], seen])
-        b = np.vstack([np.zeros((n, w.shape[1])), by_w[self.kept], np.zeros((c.order, w.shape[1]))])
-        out_c, out_d = np.zeros((0, states)), np.zeros((0, w.shape[1]))
-        for what, v in sinks or []:
-            if what == "acceleration":
-                row, through = v @ by_state, v @ by_w
-            else:
-                row, through = np.zeros((len(v), states)), np.zeros((len(v), w.shape[1]))
-                at = 0 if what == "position" else n
-                row[:, at : at + n] = v[:, self.kept]
-            out_c, out_d = np.vstack([out_c, row]), np.vstack([out_d, through])
-        return a, b, out_c, out_d
+        force = np.zeros((len(mass), 2 * n))
+        force[self.kept, np.arange(n)] = -stiffness[self.kept]
+        force[self.kept, n + np.arange(n)] = -damping[self.kept]
+        moved = np.linalg.solve(mass, np.hstack([force, -sources, self.input]))
+        rates = np.eye(n, moved.shape[1], n)
+        places = {"position": np.eye(n, moved.shape[1]), "velocity": rates}
+        z = [v @ moved if what == "acceleration" else v[:, self.kept] @ places[what] for what, v in sinks]
+        states = np.vstack([rates, moved[self.kept]])
+        y = np.hstack([errors_of(n, k), np.zeros((2 * k, sources.shape[1] + k))])
+        out = np.vstack([*z, y])
+        return StateSpace(states[:, : 2 * n], states[:, 2 * n :], out[:, : 2 * n], out[:, 2 * n :])
 
 
 def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.ndarray) -> UncertainPlant:

@@ -95,7 +95,7 @@ def weights_from_level(
         level: 0.05 for 5 %.
         acceleration: (3 + n,) largest wanted acceleration of each coordinate [rad/s^2].
         left_out: bound on what slosh, panel and sensors do to the loop, d_d of (45) [rad/s^2], one or
-            (3 + n,); see `smsid.control.disturbance`.
+            (3 + n,); see `smsid.control.closed_loop`.
         angle_noise, rate_noise: (3 + n,) in the band of the loop [rad, rad/s]; see `in_band`.
         crossover, integral: see `Weights` [rad/s].
         source: where the level comes from, for ``origin``.

@@ -96,10 +96,6 @@ class WheelLayout:
             np.array([np.inf if w.max_rate is None else w.max_rate for w in wheels]),
         )
 
-    def stored(self, rates: np.ndarray) -> np.ndarray:
-        """Return the angular momentum (3,) of spin relative to the base, for rates (w,) [rad/s]."""
-        return self.axes @ (self.inertia * rates)
-
     def allocate(self, torque: np.ndarray, rates: np.ndarray, period: float) -> Allocation:
         """Return motor torques that put ``torque`` (3,) [N m], body axes, on the base.
 

@@ -16,7 +16,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from smsid._listing import did_you_mean as did_you_mean
+from smsid._listing import did_you_mean
 from smsid._short_repr import Told
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
 from smsid.effects.table import Table

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Literal
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.design.forecast import exact_covariance
-from smsid.design.goal import CRITERIA, Criterion, needs_motion
+from smsid.design.goal import CRITERIA, Criterion, Goal, needs_motion
 from smsid.design.limits import Limits, experiment_use
 from smsid.design.minimum_time import minimum_time_design
 from smsid.design.moving import Moving, design_motion, within_limits
-from smsid.design.result import Design
 from smsid.design.thrusting import (
     Thrusting,
     axes_of,
@@ -247,3 +247,59 @@ def _held_back(uses: tuple[LimitUse, ...], limits: Limits) -> str:
     """Return the limits that are used up, in words."""
     full = [str(u) for u in uses if limits.share(u) > FULL]
     return f", held back by {'; '.join(full)}" if full else ""
+
+
+@short_repr
+@dataclass(frozen=True)
+class Design:
+    """A designed experiment.
+
+    ``sigma`` (k,) are the Cramer-Rao bounds of the goal's parameters, ``before`` (k,) those of ``reference``:
+    the paper's excitation of the same duration within the same limits. ``limits`` are what the simulated
+    motion uses of every limit. ``evaluations`` counts experiments tried; ``interrupted``: the search was
+    stopped, this is the best it had.
+    """
+
+    experiment: Experiment
+    goal: Goal
+    sigma: np.ndarray
+    reference: Experiment
+    before: np.ndarray
+    limits: tuple[LimitUse, ...]
+    evaluations: int
+    interrupted: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def relative(self) -> np.ndarray:
+        """The bounds relative to the goal's scales (k,)."""
+        return self.sigma / self.goal.scales
+
+    @property
+    def relative_before(self) -> np.ndarray:
+        """Those of the reference (k,)."""
+        return self.before / self.goal.scales
+
+    def document(self) -> dict[str, Any]:
+        """Return the design as plain data."""
+        rows = zip(self.goal.names, self.goal.units, self.goal.values, self.sigma, self.before, strict=True)
+        return {
+            "experiment": self.experiment.model_dump(mode="json", by_alias=True, exclude_none=True),
+            "criterion": self.goal.criterion,
+            "parameters": [
+                {"name": n, "unit": u, "value": float(v), "sigma": float(s), "sigma_before": float(b)}
+                for n, u, v, s, b in rows
+            ],
+            "relative": self.relative.tolist(),
+            "relative_before": self.relative_before.tolist(),
+            "before": self.reference.note,
+            "limits": [asdict(u) for u in self.limits],
+            "evaluations": self.evaluations,
+            "interrupted": self.interrupted,
+            "notes": list(self.notes),
+        }
+
+    @property
+    def gain(self) -> float:
+        """By how much the worst parameter is better known than after the reference experiment."""
+        return float(self.relative_before.max() / self.relative.max())

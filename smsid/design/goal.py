@@ -9,8 +9,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from smsid._listing import did_you_mean
 from smsid._short_repr import short_repr
-from smsid.description.schema import did_you_mean
 from smsid.errors import ExperimentError
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.parameters import Parameters
@@ -95,10 +95,7 @@ class Goal:
 
 
 def goal_of(
-    parameters: Parameters,
-    wanted: Sequence[str],
-    criterion: Criterion,
-    motion: Prediction | None,
+    parameters: Parameters, wanted: Sequence[str], criterion: Criterion, motion: Prediction | None
 ) -> Goal:
     """Return the goal that words stand for.
 

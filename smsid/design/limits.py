@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.effects.appendage import Appendage
 from smsid.effects.assembly import AppendageJoints
-from smsid.effects.beam import Cantilever
+from smsid.effects.mode import Cantilever
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment
 from smsid.experiments.excitation import DRAFT
@@ -64,7 +64,7 @@ class Limits:
         """Return how far a motion goes towards every limit."""
         own = {
             "thrust per axis": self.force,
-            "stroke of ": self.stroke,
+            "stroke": self.stroke,
             "torque of wheel": self.wheel_torque,
             "rate of wheel": self.wheel_rate,
             "torque of joint": self.joint_torque,
@@ -72,8 +72,7 @@ class Limits:
         }
         found = []
         for u in limit_use(model, states, hold_attitude):
-            kind, name = _kind(u.quantity, model)
-            limit = own.get(kind)
+            limit = own.get(_kind(u.quantity, model))
             found.append(u if limit is None else replace(u, limit=least(u.limit, limit)))
         if len(model.arm_joints) and self.swing is not None:
             home = model.joint_angles(model.home)
@@ -145,13 +144,9 @@ def root_moments(appendage: Appendage) -> np.ndarray:
     ).reshape(-1, 3)
 
 
-def _kind(quantity: str, model: SpacecraftModel) -> tuple[str, str]:
-    """Return which of the user's limits a quantity is subject to, and whose it is."""
+def _kind(quantity: str, model: SpacecraftModel) -> str:
+    """Return which of the user's limits a quantity is subject to."""
     what, _, name = quantity.partition(" of ")
-    if what == "stroke":
-        return "stroke of ", name
     if name in model.wheels.names:
-        return f"{what} of wheel", name
-    if name in model.arm_joints.names:
-        return f"{what} of joint", name
-    return quantity, ""
+        return f"{what} of wheel"
+    return f"{what} of joint" if name in model.arm_joints.names else what

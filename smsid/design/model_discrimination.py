@@ -87,7 +87,6 @@ class Separation:
 class Judged:
     """Limits (parameters,) of both causes in an experiment, their units and correlation."""
 
-    experiment: Experiment
     limits: tuple[np.ndarray, np.ndarray]
     units: tuple[tuple[str, ...], tuple[str, ...]]
     correlation: float
@@ -149,7 +148,7 @@ def _separated(
     def tried(kind: Trials, point: np.ndarray) -> tuple[float, np.ndarray]:
         try:
             _, recording, _ = kind.flown(point)
-            cost = discriminate(known, recording, first, second, None, SLOW).cost
+            cost = discriminate(known, recording, first, second, SLOW).cost
         except SmsidError:
             cost = np.inf
         watch.tried((kind, point), cost, float(np.exp(min(cost, 700.0))))
@@ -187,8 +186,8 @@ def _separated(
     kind, point = watch.best
     experiment, recording, uses = kind.flown(point, rate=RATE)
     reference, before, _ = kind.flown(dict(firsts)[kind], rate=RATE)
-    now = discriminate(known, recording, first, second, experiment, RATE)
-    then = discriminate(known, before, first, second, reference, RATE)
+    now = discriminate(known, recording, first, second, RATE)
+    then = discriminate(known, before, first, second, RATE)
     rows = [
         Discrimination(label(c), p.rpartition(".")[2] if c.effect else p, unit, float(limit), float(old))
         for c, own, other, units in zip((first, second), now.limits, then.limits, now.units, strict=True)
@@ -209,12 +208,7 @@ def _separated(
 
 
 def discriminate(
-    known: Nominal,
-    recording: Recording,
-    first: Candidate,
-    second: Candidate,
-    experiment: Experiment | None,
-    rate: float,
+    known: Nominal, recording: Recording, first: Candidate, second: Candidate, rate: float
 ) -> Judged:
     """Return the limits of both causes, each told from the other, in units of their steps.
 
@@ -238,8 +232,7 @@ def discriminate(
     )
     limits = [needed * _sigma(a, b) for a, b in (scores, scores[::-1])]
     units = [tuple(u.unit for u in c.unknowns(found.unknowns)) for c in pair]
-    own = experiment if experiment is not None else Experiment(name="trial", duration=1.0)
-    return Judged(own, (limits[0], limits[1]), (units[0], units[1]), correlation(*scores))
+    return Judged((limits[0], limits[1]), (units[0], units[1]), correlation(*scores))
 
 
 def _sigma(one: Score, other: Score) -> np.ndarray:
@@ -261,20 +254,21 @@ def _sigma(one: Score, other: Score) -> np.ndarray:
 
 
 def _fit(known: Nominal, recording: Recording, rate: float) -> tuple[Fit, list[Candidate]]:
-    point = known.point
-    data = measurements_of(point.base, recording, point.description.effective_sensors()).thinned(rate)
     force = "command.force" in recording and bool(np.any(recording["command.force"]))
-    timing = Timing("held" if force else "linear", "right")
-    problem = Problem(recording, data, locked(point.base, recording), timing, Noise(), known.joint)
-    return evaluate(point, known.unknowns, problem), propose(point, problem, known.unknowns)
+    problem = _problem(known, recording, Timing("held" if force else "linear", "right"), rate)
+    return evaluate(known.point, known.unknowns, problem), propose(known.point, problem, known.unknowns)
+
+
+def _problem(known: Nominal, recording: Recording, timing: Timing, rate: float = np.inf) -> Problem:
+    point = known.point
+    data = measurements_of(point.base, recording, point.description.effective_sensors())
+    data = data.thinned(rate) if rate < np.inf else data
+    return Problem(recording, data, locked(point.base, recording), timing, Noise(), known.joint)
 
 
 def candidates_of(known: Nominal, recording: Recording) -> list[Candidate]:
     """Return what `smsid diagnose` would try on a recording."""
-    point = known.point
-    data = measurements_of(point.base, recording, point.description.effective_sensors())
-    problem = Problem(recording, data, locked(point.base, recording), Timing(), Noise(), known.joint)
-    return propose(point, problem, known.unknowns)
+    return propose(known.point, _problem(known, recording, Timing()), known.unknowns)
 
 
 def label(candidate: Candidate) -> str:

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.design.limits import Limits
-from smsid.design.moving import HARMONICS, PERIODS
-from smsid.design.series import SeriesSpace
+from smsid.design.moving import HARMONICS, PERIODS, SeriesSpace
 from smsid.design.thrusting import largest_thrust, thrust_steps
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, LimitUse, fly

@@ -23,15 +23,13 @@ class Watch(Generic[T]):
     interrupted: bool = False
     shown: float = field(default=float("nan"), repr=False)
 
-    def tried(self, candidate: T, cost: float, shown: float) -> bool:
-        """Note a candidate; return whether it is the best so far. ``shown`` is what progress tells."""
+    def tried(self, candidate: T, cost: float, shown: float) -> None:
+        """Note a candidate; ``shown`` is what progress tells of it."""
         self.evaluations += 1
-        better = cost < self.cost
-        if better:
+        if cost < self.cost:
             self.cost, self.best, self.shown = cost, candidate, shown
         if self.progress is not None:
             self.progress(self.stage, self.evaluations, self.shown)
-        return better
 
     def restarted(self, stage: str) -> None:
         """Forget the best, for a new question; evaluations go on counting."""

@@ -27,8 +27,8 @@ from smsid.diagnose.profiled_hypothesis import (
     resolved_as,
 )
 from smsid.diagnose.score_test import Score, least_squares
+from smsid.effects.appendage_effect import ExtraMode
 from smsid.effects.base import Effect
-from smsid.effects.extra_mode import ExtraMode
 from smsid.effects.slosh import Slosh
 from smsid.estimation.map_estimate import Fit, Projected
 from smsid.estimation.parameter_vector import Unknown

@@ -8,9 +8,9 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, BeamAppendage
+from smsid.effects.appendage_effect import ModeError
 from smsid.effects.base import Effect
-from smsid.effects.mode_error import ModeError
-from smsid.export.estimate_values import with_estimate
+from smsid.export.bodies import with_estimate
 from smsid.identify.appendages import as_beam
 from smsid.identify.estimate import Estimate
 

@@ -19,8 +19,8 @@ from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.threshold_hypothesis import ThresholdHypothesis
 from smsid.effects.base import Effect, catalogue, known_effect
 from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, fields_of
-from smsid.effects.rotor import turns
 from smsid.effects.sensor import VECTORS
+from smsid.effects.spatial import turns
 from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem, recordings_of

@@ -15,8 +15,7 @@ from scipy.optimize import minimize
 
 from smsid.diagnose.score_test import EXCITED, Candidate, Score, least_squares, odds, parameter_of
 from smsid.effects.base import Effect
-from smsid.effects.payload import point_parameters
-from smsid.effects.wheel_imbalance import WheelImbalance
+from smsid.effects.payload import WheelImbalance, point_parameters
 from smsid.estimation.map_estimate import Fit, Projected
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity

@@ -2,10 +2,11 @@
 
 from smsid.effects.actuator import ActuatorDelay, ThrusterGain, ThrusterMisalignment, TorqueGain
 from smsid.effects.appendage import Appendage, BeamAppendage, ModalAppendage, Mode
-from smsid.effects.appendage_effect import AppendageEffect
+from smsid.effects.appendage_effect import AppendageEffect, ExtraMode, FrequencyDrift, ModeError, ThermalSnap
 from smsid.effects.assembly import ForceTerm, InertiaTerm
 from smsid.effects.base import (
     Effect,
+    JointEffect,
     Starting,
     Vector3,
     Vector6,
@@ -14,38 +15,28 @@ from smsid.effects.base import (
     physical,
     register,
 )
-from smsid.effects.base_tilt import BaseTilt
 from smsid.effects.beam_mode import BeamMode
-from smsid.effects.counterpart import Counterpart
-from smsid.effects.elastic_gear import Backlash, GearCompliance
-from smsid.effects.external import ExternalWrench, GravityGradient
-from smsid.effects.extra_mode import ExtraMode
+from smsid.effects.external import BaseTilt, ExternalWrench, GravityGradient
 from smsid.effects.friction import JointFriction
-from smsid.effects.gear import Gear
+from smsid.effects.gear import Gear, Servo
 from smsid.effects.geometric_stiffness import GeometricStiffness
-from smsid.effects.grasped_body import GraspedBody
-from smsid.effects.joint_bias import JointOffset, TorqueOffset
-from smsid.effects.joint_cable import JointCable
-from smsid.effects.joint_effect import JointEffect
-from smsid.effects.mass_loss import MassLoss
-from smsid.effects.mode_error import FrequencyDrift, ModeError
-from smsid.effects.motor import MotorCoupling, MotorInertia
-from smsid.effects.payload import BodyError, Payload
+from smsid.effects.joint_bias import JointCable, JointOffset, TorqueOffset
+from smsid.effects.joint_state import Counterpart
+from smsid.effects.motor import Backlash, GearCompliance, MotorCoupling, MotorInertia
+from smsid.effects.payload import BodyError, GraspedBody, MassLoss, Payload, WheelImbalance
 from smsid.effects.sensor_errors import (
     LeverArm,
+    Outliers,
+    Quantisation,
     ScaleByRate,
     SensorBias,
     SensorDelay,
     SensorMisalignment,
     SensorScale,
+    Stuck,
     TimeOffset,
 )
-from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
-from smsid.effects.servo import Servo
-from smsid.effects.slosh import Slosh, SloshNonlinearity, SloshWall
-from smsid.effects.slosh_pendulum import SloshPendulum
-from smsid.effects.thermal_snap import ThermalSnap
-from smsid.effects.wheel_imbalance import WheelImbalance
+from smsid.effects.slosh import Slosh, SloshNonlinearity, SloshPendulum, SloshWall
 
 __all__ = [
     "ActuatorDelay",

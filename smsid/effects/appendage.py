@@ -11,11 +11,10 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from smsid.effects.appendage_effect import ModeError
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Vector3, physical, register
-from smsid.effects.beam import Cantilever
-from smsid.effects.mode import Mode, mode_joints
-from smsid.effects.mode_error import ModeError
+from smsid.effects.mode import Cantilever, Mode, mode_joints
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 

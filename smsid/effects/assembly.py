@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 import pinocchio as pin
 
+from smsid._listing import did_you_mean
 from smsid.effects.inertial_parameters import inertia_from_parameters, move_parameters
 from smsid.errors import DescriptionError
 
@@ -153,9 +153,8 @@ class Assembly:
         """Return the index of a joint; raises `DescriptionError` if there is none."""
         if not self.model.existJointName(name):
             known = list(self.model.names)[1:]
-            near = difflib.get_close_matches(name, known, n=1)
             raise DescriptionError(
-                f"There is no joint '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
+                f"There is no joint '{name}'." + did_you_mean(name, known),
                 advice=f"Joints of the model: {', '.join(known)}.",
                 joint=name,
             )
@@ -292,9 +291,8 @@ def find_frame(model: pin.Model, name: str) -> int:
     found = [k for k, frame in enumerate(model.frames) if frame.name == name]
     if not found:
         known = [f.name for f in model.frames]
-        near = difflib.get_close_matches(name, known, n=1)
         raise DescriptionError(
-            f"There is no frame '{name}'." + (f" Did you mean '{near[0]}'?" if near else ""),
+            f"There is no frame '{name}'." + did_you_mean(name, known),
             advice=f"Frames of the model: {', '.join(known)}.",
             frame=name,
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -12,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from smsid.effects.counterpart import Counterpart
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid._listing import did_you_mean
+from smsid.effects.assembly import Assembly
+from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from smsid.inputs.inputs import Inputs
     from smsid.model.spacecraft import SpacecraftModel
     from smsid.sensing.sensor import Sensor
+
 
 Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
 Vector6 = Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
@@ -174,9 +175,13 @@ class Effect(Table):
 
         Raises `DescriptionError` for a name the effect does not have, or a value it cannot have.
         """
-        self._check_names(values)
-        data = dict(self)
+        data, known = dict(self), {p.name for p in self.parameters()}
         for name, value in values.items():
+            if name not in known:
+                raise DescriptionError(
+                    f"Effect '{self.name}' has no parameter '{name}'.",
+                    advice=f"It has: {', '.join(sorted(known))}.",
+                )
             own, (field, *rest) = data, name.removeprefix(f"{self.name}.").split(".")
             while field not in own:  # of a table in a list, whose number ends the name
                 entry = field.rstrip("0123456789")
@@ -188,20 +193,8 @@ class Effect(Table):
                 own[field] = tuple(vector)
             else:
                 own[field] = float(value)
-        return self._replaced(data)
-
-    def _check_names(self, values: Mapping[str, float]) -> None:
-        known = {p.name for p in self.parameters()}
-        for name in values:
-            if name not in known:
-                raise DescriptionError(
-                    f"Effect '{self.name}' has no parameter '{name}'.",
-                    advice=f"It has: {', '.join(sorted(known))}.",
-                )
-
-    def _replaced(self, update: Mapping[str, Any]) -> Self:
         try:
-            return self._validated({**dict(self), **update})
+            return self._validated(data)
         except ValidationError as cause:
             reasons = "; ".join(
                 ".".join(str(part) for part in e["loc"]) + f" {e['msg'].removeprefix('Value error, ')}"
@@ -215,19 +208,6 @@ class Effect(Table):
     def _validated(self, data: Mapping[str, Any]) -> Self:
         """Return the effect of other values; one that only a description must obey may relax here."""
         return type(self).model_validate(data)
-
-    def without_strength(self) -> Self:
-        """Return the effect with its ``strength`` parameters at zero, where it changes nothing.
-
-        Raises `DescriptionError` for an effect that names none.
-        """
-        if not self.strength:
-            raise DescriptionError(f"An effect of kind '{self.kind}' names no strength.", kind=self.kind)
-        update: dict[str, Any] = {}
-        for entry in self.strength:
-            value = getattr(self, entry)
-            update[entry] = (0.0,) * len(value) if isinstance(value, tuple) else 0.0
-        return self._replaced(update)
 
     @property
     def onset(self) -> float | None:
@@ -412,10 +392,9 @@ def parse_effect(table: Mapping[str, Any] | Effect) -> Effect:
     cls = known_effect(kind)
     if cls is None:
         kinds = sorted(catalogue())
-        near = difflib.get_close_matches(kind, kinds, n=1)
-        hint = f" Did you mean '{near[0]}'?" if near else ""
         raise DescriptionError(
-            f"Unknown effect kind '{kind}'.{hint}", advice=f"Known kinds: {', '.join(kinds)}."
+            f"Unknown effect kind '{kind}'." + did_you_mean(kind, kinds),
+            advice=f"Known kinds: {', '.join(kinds)}.",
         )
     return cls.model_validate(dict(table))
 
@@ -446,3 +425,18 @@ def _numbers(table: Table) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
         elif extra is None and isinstance(value, tuple) and value and isinstance(value[0], Table):
             for k, part in enumerate(value, start=1):
                 yield from ((f"{entry}{k}.{key}", number, own) for key, number, own in _numbers(part))
+
+
+class JointEffect(Effect):
+    """An effect at a joint."""
+
+    family = "drivetrain"
+    joint: str = Field(description="joint of the model: `joint2`, `left/joint2` of a mounted arm, or a wheel")
+
+    def driven_joints(self) -> tuple[str, ...]:
+        """Return the joint, whose motor torque it has to do with."""
+        return (self.joint,)
+
+    def attach(self, assembly: Assembly) -> None:
+        """Check that the joint is there; nothing acts on the motion."""
+        assembly.joint_id(self.joint)

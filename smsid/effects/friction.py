@@ -9,11 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, Starting, physical, register
-from smsid.effects.counterpart import Counterpart
+from smsid.effects.base import Effect, JointEffect, Starting, physical, register
 from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, friction_columns, sliding_state
-from smsid.effects.joint_effect import JointEffect
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""
@@ -72,10 +70,7 @@ class JointFriction(JointEffect, Starting):
         "N m", lower=0.0, default=0.0, description="torque beyond `coulomb` on breaking loose"
     )
     stribeck_rate: float = physical(
-        "rad/s",
-        lower=1e-6,
-        default=0.05,
-        description="rate at which `stribeck` has fallen to 37 %",
+        "rad/s", lower=1e-6, default=0.05, description="rate at which `stribeck` has fallen to 37 %"
     )
     stribeck_exponent: float = physical(
         "1",

@@ -1,4 +1,4 @@
-"""Gears: what a motor's encoder and current say about the joints."""
+"""Gears and servos: what a motor's encoder, current and commanded position say about the joints."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, physical, register
-from smsid.effects.joint_effect import JointEffect
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.effects.base import Effect, JointEffect, physical, register
 from smsid.errors import DescriptionError
 
 
@@ -26,8 +24,7 @@ class Gear(JointEffect):
 
     summary = "gear of a motor: from what the motor measures to joint angle and torque"
     not_estimated = dict.fromkeys(
-        ("ratio", "torque_gain"),
-        "a spacecraft's recordings are of joints, not of motors; see laboratory",
+        ("ratio", "torque_gain"), "a spacecraft's recordings are of joints, not of motors; see laboratory"
     )
     on_readings = True
     in_words = "the gear of {place} turns by another ratio than described"
@@ -44,10 +41,6 @@ class Gear(JointEffect):
     also: dict[str, float] = Field(
         default_factory=dict, description="turns of the motor per turn of other joints, `{ joint5 = 32.0 }`"
     )
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it is about what is measured."""
-        return {}
 
     def attach(self, assembly: Assembly) -> None:
         """Check that the joints are there; nothing acts on the motion."""
@@ -92,3 +85,37 @@ def gear_matrix(gears: Sequence[Gear], joints: Sequence[str]) -> tuple[np.ndarra
             matrix=matrix,
         )
     return matrix, gain
+
+
+@register
+class Servo(JointEffect):
+    """The motor of a joint gives ``stiffness (commanded - q) - damping qd``, at most ``limit``.
+
+    Back-EMF is damping. With ``damps = "error"`` the damping takes the commanded rate less qd. It says what a
+    recorded command is worth; recordings of a welded arm without joint torques are identified with it. Gains
+    that are `known` are taken as they stand. Damping of the rate is told from viscous friction by nothing:
+    unless it is known and given, it is part of ``viscous``.
+    """
+
+    summary = "servo of a joint: from commanded position to torque"
+    not_estimated = dict.fromkeys(
+        ("stiffness", "damping", "limit"), "a spacecraft's motors are commanded by torque; see laboratory"
+    )
+    on_readings = True
+    in_words = "the servo of {place} has another gain than described"
+    kind: Literal["servo"] = "servo"
+    stiffness: float = physical(
+        "N m/rad", lower=0.0, default=1.0, description="torque per position error; a guess unless `known`"
+    )
+    damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate")
+    damps: Literal["rate", "error"] = Field(
+        default="rate", description="what the damping takes: the joint's `rate`, or that of the `error`"
+    )
+    limit: float | None = physical(
+        "N m", lower=0.0, default=None, description="largest torque, as of a limit of current"
+    )
+
+
+def servos_of(effects: Iterable[Effect]) -> dict[str, Servo]:
+    """Return the servo by joint, of effects."""
+    return {e.joint: e for e in effects if isinstance(e, Servo)}

@@ -36,8 +36,8 @@ from smsid.effects.appendage import BeamAppendage
 from smsid.effects.appendage_effect import BeamEffect
 from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import physical, register
-from smsid.effects.beam import Cantilever
-from smsid.effects.spatial import Motion, skew
+from smsid.effects.mode import Cantilever
+from smsid.effects.spatial import Motion
 
 AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes
 
@@ -86,7 +86,7 @@ class Foreshortening:
         # on a bus without weight, it matters neither where that is nor what the arm does
         alone = self.motion.root and self.motion.still
         self.depends = (self.v, np.r_[:6, self.v]) if alone else None
-        self.cross = skew(AXIS)
+        self.cross = pin.skew(AXIS)
         self.across = np.eye(3) - np.outer(AXIS, AXIS)
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +116,7 @@ class Foreshortening:
         mass[0, 6:] = mass[6:, 0] = -a_eta  # the axis is the first
         mass[4, 6:] = mass[6:, 4] = swing
 
-        turning = skew(omega)
+        turning = pin.skew(omega)
         turned, drawn, flat = turning[:, 0], turning @ linear, self.across @ omega
         bias = mass[:, :6] @ drift  # that holds the weight: gravity acts like the opposite acceleration
         bias[:3] -= 2.0 * s_dot * turned + s * (turning @ turned)

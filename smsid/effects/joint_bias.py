@@ -1,4 +1,4 @@
-"""What is constant at a joint: the zero of its encoder, and a torque that does not depend on motion."""
+"""What is constant at a joint: the zero of its encoder, a torque, a cable with an angle of rest."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, physical, register
-from smsid.effects.counterpart import Counterpart
-from smsid.effects.joint_effect import JointEffect
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
+from smsid.effects.base import Effect, JointEffect, Starting, physical, register
+from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.sensor import joint_names
 from smsid.effects.sensor_errors import SensorBias
+from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
     from smsid.description.schema import Description
@@ -37,10 +36,6 @@ class JointOffset(JointEffect):
     def driven_joints(self) -> tuple[str, ...]:
         """Return none: the motor's torque does not come into it."""
         return ()
-
-    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
-        """Return none: it is taken off what is measured."""
-        return {}
 
     def resolved(self, description: Description) -> Effect:
         """Return what it does to the joint's own encoder; of a welded arm the torque regression has it."""
@@ -113,3 +108,37 @@ def encoder_zeros(effects: Iterable[Effect]) -> dict[str, float]:
 def without_idle_offsets(effects: Iterable[Effect], joints: Container[str]) -> list[Effect]:
     """Return effects without the constant torques of joints that have no value yet."""
     return [e for e in effects if not (isinstance(e, TorqueOffset) and e.torque == 0.0 and e.joint in joints)]
+
+
+@register
+class JointCable(JointEffect, Starting):
+    """A cable across a joint of an arm: a spring with an angle of rest, ``-stiffness (q - rest)``."""
+
+    summary = "a cable or hose across a joint: a spring with an angle of rest"
+    aliases = ("torque_offset", "joint_friction")
+    strength = ("stiffness",)
+    in_words = "a cable or hose across {place} pulls it back"
+    kind: Literal["joint_cable"] = "joint_cable"
+    stiffness: float = physical("N m/rad", lower=0.0, default=0.0, description="torque per angle from rest")
+    rest: float = physical("rad", default=0.0, description="angle at which it does not pull")
+
+    def torque_columns(self, of: JointStateOf) -> TorqueColumns:
+        """Return the angle from rest. Raises `DescriptionError` where it is not known."""
+        return {"stiffness": {self.joint: of(self.joint).known("angle", self.name) - self.rest}}
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add the spring. Raises `DescriptionError` for a joint that turns without end."""
+        joint = assembly.joint(self.joint)
+        if joint.nq != 1:
+            raise DescriptionError(
+                f"Joint '{self.joint}' turns without end: no cable is across it.",
+                advice="Give it limits in the URDF (type revolute).",
+                joint=self.joint,
+            )
+        place, index, stiffness, rest = joint.idx_q, joint.idx_v, self.stiffness, self.rest
+
+        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            tau[index] -= stiffness * (q[place] - rest)
+
+        if stiffness:
+            assembly.add_force(force, ((index,), ()))

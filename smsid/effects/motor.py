@@ -1,4 +1,19 @@
-"""Motors of an arm: the inertia of rotors seen through gears, and motors that turn with several joints."""
+"""Motors of an arm: rotors seen through gears, motors that turn with several joints, gears that give.
+
+Of a gear that gives, the motor's angle, as seen at the joint, is the joint's plus the twist phi of the gear;
+phi is a joint of its own that moves no link. With rotor inertia I at the joint the kinetic energy gains
+``1/2 I (qd + phid)^2``, and a motor torque works on ``q + phi``. Friction of the joint stays on the link's
+side. Source: Spong, J. Dyn. Syst. Meas. Control 109 (1987) 310.
+
+A gear too stiff to ring within a sample is ``quasistatic``: its twist follows the torque it hands on at once,
+which is the motor's less what the rotor takes, ``tau - I qdd``. It adds no joint then: encoders read by how
+much a rotor that gets ahead leaves all joints behind, and one on the motor's side reads the twist as well.
+The rate of the twist is left out.
+
+A rotor also turns with the link that carries the motor: by the share ``carried`` c of that link's rate about
+the joint's axis, one over the gear's ratio, the rotor's rate is ``qd + phid + c omega``. Geared arms neglect
+it, as Spong does; in a direct drive c is 1.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +21,13 @@ from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, physical, register
-from smsid.effects.counterpart import Counterpart
-from smsid.effects.joint_effect import JointEffect
-from smsid.effects.joint_state import JointStateOf, TorqueColumns
-from smsid.effects.spatial import ConstantInertia
+from smsid.effects.assembly import Assembly, Twist
+from smsid.effects.base import Effect, JointEffect, physical, register
+from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
+from smsid.effects.spatial import ConstantInertia, Rotor
 
 
 @register
@@ -128,3 +142,162 @@ class MotorCoupling(Effect):
         """Return its damper, dry friction and rotor."""
         weights = dict(zip(self.joints, self.weights, strict=True))
         return Counterpart(weights, damping=self.viscous, dry=self.coulomb, inertia=self.inertia)
+
+
+class ElasticGear(JointEffect):
+    """What compliance and backlash share."""
+
+    motor_inertia: float = physical(
+        "kg m^2", lower=0.0, default=0.0, description="of the rotor at the joint: ratio squared times its own"
+    )
+    encoder: Literal["motor", "link"] = Field(
+        default="motor", description="side of the gear on which the joint's encoder sits"
+    )
+    inertia_in_link: bool = Field(
+        default=False, description="whether the link's inertia about the joint counts the rotor already"
+    )
+    carried: float = physical(
+        "1",
+        lower=-1.0,
+        upper=1.0,
+        default=0.0,
+        description="share of its carrying link's turning that the rotor takes part in: one over the ratio",
+    )
+    quasistatic: bool = Field(
+        default=False, description="whether the twist follows the torque at once, without a joint of its own"
+    )
+
+    def rigid(self) -> bool:
+        """Whether the gear does not give."""
+        raise NotImplementedError
+
+    def bent(self, torque: np.ndarray) -> np.ndarray:
+        """Return the twist [rad] at rest under torques [N m] of any shape."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _rotor_has_inertia(self) -> ElasticGear:
+        if not (self.quasistatic or self.rigid()) and self.motor_inertia <= 0.0:
+            raise ValueError("a gear that gives needs a positive `motor_inertia`, or to be `quasistatic`")
+        return self
+
+    def twist(self, assembly: Assembly) -> int | None:
+        """Add the rotor; return the joint of the twist, or ``None`` for a rigid or quasistatic gear.
+
+        Raises `DescriptionError` for a rotor that turns with the carrying link of a joint that does not turn.
+        """
+        number, model, inertia = assembly.joint_id(self.joint), assembly.model, self.motor_inertia
+        link, counted = model.joints[number].idx_v, 0.0 if self.inertia_in_link else inertia
+        if self.rigid() or self.quasistatic:
+            rotor = self._rotor(assembly, number, None) if self.carried else None
+            if rotor is None:
+                model.armature[link] += counted
+            elif counted:
+                assembly.add_inertia_term(rotor)
+            if not self.rigid():
+                turning, read = rotor.turning if rotor else None, self.encoder == "motor"
+                assembly.twists[number] = Twist(self, self.bent, inertia, turning, read)
+            return None
+        joint = assembly.add_joint(None, pin.JointModelRZ(), pin.SE3.Identity(), f"{self.name}.twist")
+        gear = model.joints[joint].idx_v
+        model.armature[gear] = inertia
+
+        def coupling(mass: np.ndarray) -> None:
+            mass[link, link], mass[link, gear], mass[gear, link] = counted, inertia, inertia
+
+        def motor(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            tau[gear] += tau[link]
+
+        assembly.add_inertia_term(
+            self._rotor(assembly, number, gear) if self.carried else ConstantInertia(coupling)
+        )
+        assembly.add_load_force(motor, ((), ()), first=True)
+        if self.encoder == "motor":
+            assembly.motors[number] = joint
+        return joint
+
+    def _rotor(self, assembly: Assembly, joint: int, gear: int | None) -> Rotor:
+        return Rotor(
+            assembly.model, joint, self.motor_inertia, self.carried, gear=gear, in_link=self.inertia_in_link
+        )
+
+
+@register
+class GearCompliance(ElasticGear):
+    """A spring and damper between motor and link; at zero compliance the gear is rigid."""
+
+    summary = "elastic gear of a joint"
+    aliases = ("backlash", "motor_inertia", "actuator_delay")
+    strength = ("compliance", "motor_inertia")
+    in_words = "the gear of {place} is elastic"
+    kind: Literal["gear_compliance"] = "gear_compliance"
+    compliance: float = physical("rad/(N m)", lower=0.0, default=0.0, description="twist per torque")
+    damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate of twist")
+
+    def rigid(self) -> bool:
+        """Whether the gear does not give."""
+        return self.compliance == 0.0
+
+    def bent(self, torque: np.ndarray) -> np.ndarray:
+        """Return compliance times torque."""
+        return self.compliance * torque
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add rotor, spring and damper."""
+        joint = self.twist(assembly)
+        if joint is not None:
+            assembly.add_springs(joint, (1.0 / self.compliance,), (self.damping,))
+
+
+@register
+class Backlash(ElasticGear):
+    """A gap in which the motor turns without the link; beyond it, teeth with stiffness and damping.
+
+    ``gap`` is the whole play. At zero gap the gear is rigid.
+    """
+
+    summary = "play in the gear of a joint"
+    aliases = ("gear_compliance", "joint_friction")
+    strength = ("gap", "motor_inertia")
+    in_words = "the gear of {place} has play"
+    kind: Literal["backlash"] = "backlash"
+    gap: float = physical("rad", lower=0.0, default=0.0, description="play, from one side to the other")
+    contact_stiffness: float = physical(
+        "N m/rad", lower=1e-9, default=1e4, description="of the teeth when they touch"
+    )
+    contact_damping: float = physical(
+        "N m s/rad", lower=0.0, default=0.0, description="of the teeth when they touch"
+    )
+    turn_torque: float = physical(
+        "N m", lower=1e-6, default=0.3, description="torque that takes the motor across, when quasistatic"
+    )
+    sharpness: float = physical(
+        "1", lower=1.0, upper=8.0, default=2.0, description="how suddenly that torque takes it to the teeth"
+    )
+
+    def rigid(self) -> bool:
+        """Whether the gear does not give."""
+        return self.gap == 0.0
+
+    def bent(self, torque: np.ndarray) -> np.ndarray:
+        """Return half the gap, to the side the motor pushes; the teeth do not give.
+
+        With x the torque over ``turn_torque`` and n the ``sharpness``: ``x / (1 + |x|^n)^(1/n)`` of it.
+        """
+        n, x = self.sharpness, torque / self.turn_torque
+        return 0.5 * self.gap * x / (1.0 + np.abs(x) ** n) ** (1.0 / n)
+
+    def attach(self, assembly: Assembly) -> None:
+        """Add rotor and teeth."""
+        joint = self.twist(assembly)
+        if joint is None:
+            return
+        place, index = assembly.model.joints[joint].idx_q, assembly.model.joints[joint].idx_v
+        half, stiffness, damping = self.gap / 2.0, self.contact_stiffness, self.contact_damping
+
+        def teeth(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+            depth = abs(q[place]) - half
+            if depth > 0.0:
+                tau[index] -= stiffness * depth * np.sign(q[place]) + damping * v[index]
+
+        assembly.add_force(teeth, ((index,), (index,)))

@@ -1,4 +1,4 @@
-"""Inertial parameters of any sign at a body, as terms of the equations of motion."""
+"""Inertia that no body of the model has, as terms of the equations of motion: of any sign, and of rotors."""
 
 from __future__ import annotations
 
@@ -8,18 +8,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-
-def skew(x: np.ndarray) -> np.ndarray:
-    """Return the matrix (3, 3) of the cross product with x (3,)."""
-    return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
+from smsid.effects.inertial_parameters import parameters_to_matrix
+from smsid.errors import DescriptionError
 
 
 def spatial_inertia(theta: np.ndarray) -> np.ndarray:
     """Return the spatial inertia (6, 6) (linear first) of parameters (m, mc, xx, xy, yy, xz, yz, zz)."""
-    xx, xy, yy, xz, yz, zz = theta[4:]
-    cross = skew(theta[1:4])
-    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return np.block([[theta[0] * np.eye(3), -cross], [cross, about]])
+    cross = pin.skew(theta[1:4])
+    return np.block([[theta[0] * np.eye(3), -cross], [cross, parameters_to_matrix(theta)]])
 
 
 class Motion:
@@ -124,3 +120,52 @@ class ExtraInertia:
         model.inertias[self.joint] = pin.Inertia.FromDynamicParameters(sign * theta)
         pin.computeRNEADerivatives(model, data, q, v, a)
         return sign * data.dtau_dq, sign * data.dtau_dv
+
+
+def turns(model: pin.Model, joint: int) -> bool:
+    """Whether a joint of one coordinate turns, and does not slide."""
+    jacobian = joint_jacobian(model, model.createData(), pin.neutral(model), joint)
+    return not np.abs(jacobian[:3, model.joints[joint].idx_v]).any()
+
+
+class Rotor:
+    """The `InertiaTerm` of a rotor of spin inertia I about a joint's axis n, with the twist phi of its gear.
+
+    Its rate is ``w = s + phid``, with ``s = qd + c n . omega`` where omega is the rate of the carrying link,
+    and its kinetic energy ``1/2 I w^2``. Where the link counts it already, ``1/2 I s^2`` is taken off. Of
+    ``1/2 I phid^2`` the armature of the twist takes care. From Lagrange's equations: ``I wd`` on all that w
+    goes with, and the torque ``c I w omega x n`` on the carrying link.
+    """
+
+    def __init__(
+        self, model: pin.Model, joint: int, inertia: float, carried: float, *, gear: int | None, in_link: bool
+    ) -> None:
+        self.motion, self.link = Motion(model, joint), model.joints[joint].idx_v
+        self.inertia, self.carried, self.gear, self.in_link = inertia, carried, gear, in_link
+        if not turns(model, joint):
+            raise DescriptionError(
+                f"A rotor is carried round by the link before joint '{model.names[joint]}', which slides.",
+                advice="Leave out `carried`, or give it 0.",
+            )
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
+        along, drift = self.turning(q, v)
+        own = np.zeros(len(v))
+        if self.gear is not None:
+            own[self.gear] = 1.0
+        counted = 0.0 if self.in_link else 1.0
+        mass = counted * np.outer(along, along) + np.outer(own, along) + np.outer(along, own)
+        spin = float((counted * along + own) @ v)
+        jacobian, velocity, _ = self.motion.at(q, v)
+        across = jacobian[3:].T @ np.cross(velocity[3:], jacobian[3:, self.link])
+        bias = drift * (counted * along + own) + self.carried * spin * across
+        return self.inertia * mass, self.inertia * bias
+
+    def turning(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the derivative of s by v (nv,), and sd [rad/s^2] where vd is zero."""
+        jacobian, _, drift = self.motion.at(q, v)
+        axis = jacobian[3:, self.link]
+        along = self.carried * (axis @ jacobian[3:])
+        along[self.link] = 1.0
+        return along, self.carried * float(axis @ drift[3:])

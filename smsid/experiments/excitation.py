@@ -11,9 +11,8 @@ from smsid.experiments.fly import LimitUse, limit_use
 from smsid.experiments.scaling import SWING, THRUST, swings, wheel_strengths
 from smsid.experiments.schema import Experiment, FourierProfile, StepProfile
 from smsid.model.identifiable import base_parameters
-from smsid.model.joint_limits import outside_limits
 from smsid.model.regressor import Regressor
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.spacecraft import SpacecraftModel, outside_limits
 from smsid.simulate import Tolerance, simulate
 
 HARMONICS = 5

@@ -1,8 +1,7 @@
 """An identified spacecraft or arm for other programs: URDF, TOML, CSV, MuJoCo XML, linear plant, FMU."""
 
 from smsid._callable import make_callable
-from smsid.export.bodies import IdentifiedBodies, identified_bodies
-from smsid.export.estimate_values import with_estimate
+from smsid.export.bodies import IdentifiedBodies, identified_bodies, with_estimate
 from smsid.export.fmu import write_fmu
 from smsid.export.folder import Export, export_folder
 from smsid.export.linear_plant import LinearPlant, linear_plant, save_linear_plant

@@ -18,9 +18,12 @@ from scipy.optimize import least_squares
 
 from smsid._short_repr import short_repr
 from smsid.description import Description
-from smsid.effects.inertial_parameters import pseudo_inertia
+from smsid.effects import Effect
+from smsid.effects.appendage import Appendage, ModalAppendage
+from smsid.effects.inertial_parameters import matrix_to_parameters, pseudo_inertia
 from smsid.errors import DescriptionError
 from smsid.estimation.inertial_combinations import whole_bodies
+from smsid.identify.appendages import as_described
 from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import Estimate
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_of, step_factor
@@ -142,21 +145,7 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
         change = sum(columns[n] @ (parameters_of(found[n]) - described[n]) for n in names)
         return np.concatenate([np.asarray(change) - fixed, phi / PULL])
 
-    def slopes(phi: np.ndarray) -> np.ndarray:
-        # d theta / d phi at phi by finite differences of the exact map: ten columns a body
-        out = np.zeros((len(fixed) + phi.size, phi.size))
-        for k, n in enumerate(names):
-            part = phi[SIZE * k : SIZE * (k + 1)]
-            here = parameters_of(step_factor(at[n], part))
-            for i in range(SIZE):
-                step = np.zeros(SIZE)
-                step[i] = 1e-6
-                there = parameters_of(step_factor(at[n], part + step))
-                out[: len(fixed), SIZE * k + i] = columns[n] @ ((there - here) / 1e-6)
-        out[len(fixed) :] = np.eye(phi.size) / PULL
-        return out
-
-    result = least_squares(errors, phi0, jac=slopes, max_nfev=200)  # pyright: ignore[reportArgumentType]
+    result = least_squares(errors, phi0, max_nfev=200)
     if not result.success:
         raise DescriptionError(
             f"No physical bodies were found that agree with the estimate: {result.message}.",
@@ -208,6 +197,69 @@ def _with_extent(theta: np.ndarray) -> np.ndarray:
     size, vectors = np.linalg.eigh(second)
     floor = max(THINNEST * float(size[-1]), theta[0] * 1e-4)  # a centimetre
     second = vectors * np.maximum(size, floor) @ vectors.T + theta[0] * np.outer(centre, centre)
-    matrix = np.trace(second) * np.eye(3) - second
-    xx, xy, xz, _, yy, yz, _, _, zz = matrix.ravel()
-    return np.concatenate([theta[:4], [xx, xy, yy, xz, yz, zz]])
+    return np.concatenate([theta[:4], matrix_to_parameters(np.trace(second) * np.eye(3) - second)])
+
+
+def with_estimate(description: Description, estimate: Estimate) -> tuple[Description, list[str]]:
+    """Return the description with its effects at the estimate's values, and notes on what was not taken.
+
+    A parameter that is not identifiable keeps the described value unless its 95 % interval excludes that; one
+    beyond a bound goes to the bound.
+    Appendages become modal ones with the identified density, frequencies and damping, but for a beam that an
+    effect needs as such (`smsid.identify.appendages`).
+
+    Raises:
+        DescriptionError: a value an effect cannot have.
+    """
+    effects: list[Effect] = []
+    panels: list[ModalAppendage] = []
+    notes: list[str] = []
+    for effect in description.effect:
+        appendage = effect.as_appendage()
+        if appendage is not None:
+            panel = _appendage(description, appendage, estimate, notes)
+            panels += [panel] if panel is not None else []
+            continue
+        own = {}
+        for p in effect.parameters():
+            value = _taken(p.name, p.value, estimate, notes)
+            if value is None:
+                continue
+            own[p.name] = float(np.clip(value, p.lower, p.upper))
+            if own[p.name] != value:
+                notes.append(f"{p.name} = {value:.4g} {p.unit} is beyond its bound: {own[p.name]:g}")
+        effects.append(effect.with_values(own) if own else effect)
+    return as_described(description.with_effects(*effects), panels), notes
+
+
+def _taken(name: str, described: float, estimate: Estimate, notes: list[str]) -> float | None:
+    if name not in estimate:
+        return None
+    found = estimate[name]
+    low, high = found.interval
+    # written so that what is not finite counts as within
+    if found.status == "not_identifiable" and not (described < low or described > high):
+        notes.append(f"{name} is not identifiable and stays as described")
+        return None
+    return found.value
+
+
+def _appendage(
+    description: Description, effect: Appendage, estimate: Estimate, notes: list[str]
+) -> ModalAppendage | None:
+    """Return an appendage as identified, with all its modes; ``None`` where nothing was."""
+    factor = _taken(f"{effect.name}.participation_factor", 1.0, estimate, notes)
+    heavy = effect.mass_parameter()
+    density = None if heavy.unit == "1" else _taken(heavy.name, heavy.value, estimate, notes)
+    factor = factor if density is None else density / heavy.value
+    modes = {}
+    described = effect.described_modes(description.effect)
+    for k, mode in enumerate(described, start=1):
+        for field in ("frequency", "damping"):
+            name = f"{effect.name}.mode{k}.{field}"
+            value = _taken(name, getattr(mode, field), estimate, notes)
+            if value is not None:
+                modes[name] = max(value, 0.0)
+    if factor is None and not modes:
+        return None
+    return effect.as_modal(1.0 if factor is None else factor, described).with_values(modes)

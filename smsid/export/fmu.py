@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,7 @@ def write_fmu(
         place = Path(folder)
         # The unit's files stand in one folder, whatever becomes of those it was made of.
         named = description.model_copy(update={"name": CRAFT, "meshes": "ignored"})
-        known = None if estimate is None else _renamed(estimate)
+        known = None if estimate is None else replace(estimate, description=CRAFT)
         made = export_folder(named, place / "parts", known, mujoco=False)
         script = place / "spacecraft_fmu.py"
         script.write_text(SLAVE.format(name=description.name), encoding="utf-8")
@@ -86,12 +87,6 @@ def write_fmu(
         with atomic_path(Path(path)) as temporary:
             shutil.copy(built, temporary)
     return Path(path)
-
-
-def _renamed(estimate: Estimate) -> Estimate:
-    from dataclasses import replace
-
-    return replace(estimate, description=CRAFT)
 
 
 class Stepper:

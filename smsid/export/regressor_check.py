@@ -44,7 +44,10 @@ def check_regressor(model: SpacecraftModel, rng: np.random.Generator, *, states:
     Raises `DescriptionError` for a model that cannot be written for MuJoCo.
     """
     p = model.pin
-    samples = [_random_state(p, rng) for _ in range(states)]
+    samples = [
+        (pin.integrate(p, pin.neutral(p), rng.uniform(-1.5, 1.5, p.nv)), *rng.normal(size=(2, p.nv)))
+        for _ in range(states)
+    ]
     q, v, a = (np.array(x) for x in zip(*samples, strict=True))
     regressor = Regressor(model)
     theta = regressor.parameters
@@ -96,11 +99,6 @@ def check_regressor(model: SpacecraftModel, rng: np.random.Generator, *, states:
     )
 
 
-def _random_state(p: pin.Model, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    q = pin.integrate(p, pin.neutral(p), rng.uniform(-1.5, 1.5, p.nv))
-    return q, rng.normal(size=p.nv), rng.normal(size=p.nv)
-
-
 def _worst(found: np.ndarray, expected: np.ndarray) -> float:
     return float(np.abs(found - expected).max() / max(np.abs(expected).max(), 1e-300))
 
@@ -140,39 +138,36 @@ def mujoco_torques(
     off = mujoco.mjtDisableBit
     engine.opt.disableflags |= int(off.mjDSBL_CONTACT) | int(off.mjDSBL_EQUALITY)
     state = mujoco.MjData(engine)
-    p = model.pin
-    out = np.empty_like(v)
+    p, out, turn = model.pin, np.empty_like(v), np.eye(3)
+    free = [j for j in range(1, p.njoints) if p.joints[j].nq == 7]
+    single = [  # joint, which of its coordinates, MuJoCo's joint
+        (p.joints[j], i, engine.joint(p.names[j] if p.joints[j].nv == 1 else f"{p.names[j]}.{'xyz'[i]}"))
+        for j in range(1, p.njoints)
+        if j not in free
+        for i in range(p.joints[j].nv)
+    ]
     for n in range(len(q)):
-        turn = np.eye(3)
-        for j in range(1, p.njoints):
-            joint, name = p.joints[j], p.names[j]
-            iq, iv = joint.idx_q, joint.idx_v
-            if joint.nq == 7:
-                turn = pin.Quaternion(*q[n, [iq + 6, iq + 3, iq + 4, iq + 5]]).toRotationMatrix()
-                here = engine.joint(name)
-                at, dof = int(here.qposadr[0]), int(here.dofadr[0])
-                state.qpos[at : at + 7] = [*q[n, iq : iq + 3], q[n, iq + 6], *q[n, iq + 3 : iq + 6]]
-                x, w = v[n, iv : iv + 3], v[n, iv + 3 : iv + 6]
-                state.qvel[dof : dof + 6] = [*(turn @ x), *w]
-                linear = turn @ (a[n, iv : iv + 3] + np.cross(w, x))
-                state.qacc[dof : dof + 6] = [*linear, *a[n, iv + 3 : iv + 6]]
-                continue
-            for i in range(joint.nv):
-                here = engine.joint(name if joint.nv == 1 else f"{name}.{'xyz'[i]}")
-                angle = np.arctan2(q[n, iq + 1], q[n, iq]) if joint.nq > joint.nv else q[n, iq + i]
-                state.qpos[int(here.qposadr[0])] = angle
-                state.qvel[int(here.dofadr[0])] = v[n, iv + i]
-                state.qacc[int(here.dofadr[0])] = a[n, iv + i]
+        for (
+            j
+        ) in free:  # the root, with linear velocity in inertial axes and the scalar of the quaternion first
+            iq, iv, here = p.joints[j].idx_q, p.joints[j].idx_v, engine.joint(p.names[j])
+            at, dof = int(here.qposadr[0]), int(here.dofadr[0])
+            turn = pin.Quaternion(q[n, iq + 3 : iq + 7]).toRotationMatrix()
+            state.qpos[at : at + 7] = q[n, [iq, iq + 1, iq + 2, iq + 6, iq + 3, iq + 4, iq + 5]]
+            x, w = v[n, iv : iv + 3], v[n, iv + 3 : iv + 6]
+            state.qvel[dof : dof + 6] = [*(turn @ x), *w]
+            linear = turn @ (a[n, iv : iv + 3] + np.cross(w, x))
+            state.qacc[dof : dof + 6] = [*linear, *a[n, iv + 3 : iv + 6]]
+        for joint, i, here in single:
+            iq, iv, dof = joint.idx_q, joint.idx_v + i, int(here.dofadr[0])
+            angle = np.arctan2(q[n, iq + 1], q[n, iq]) if joint.nq > joint.nv else q[n, iq + i]
+            state.qpos[int(here.qposadr[0])] = angle
+            state.qvel[dof], state.qacc[dof] = v[n, iv], a[n, iv]
         mujoco.mj_inverse(engine, state)
-        for j in range(1, p.njoints):
-            joint, name = p.joints[j], p.names[j]
-            iv = joint.idx_v
-            if joint.nq == 7:
-                dof = int(engine.joint(name).dofadr[0])
-                force = state.qfrc_inverse[dof : dof + 6]
-                out[n, iv : iv + 6] = [*(turn.T @ force[:3]), *force[3:]]
-                continue
-            for i in range(joint.nv):
-                here = engine.joint(name if joint.nv == 1 else f"{name}.{'xyz'[i]}")
-                out[n, iv + i] = state.qfrc_inverse[int(here.dofadr[0])]
+        for j in free:
+            iv, dof = p.joints[j].idx_v, int(engine.joint(p.names[j]).dofadr[0])
+            force = state.qfrc_inverse[dof : dof + 6]
+            out[n, iv : iv + 6] = [*(turn.T @ force[:3]), *force[3:]]
+        for joint, i, here in single:
+            out[n, joint.idx_v + i] = state.qfrc_inverse[int(here.dofadr[0])]
     return out

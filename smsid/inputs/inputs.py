@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pinocchio as pin
 
-from smsid.effects.spatial import skew
 from smsid.errors import ExperimentError
 from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, merge
 from smsid.model.spacecraft import SpacecraftModel
@@ -122,7 +122,7 @@ class Inputs:
         if self.thruster is not None or self.thrusts is not None:
             places = [np.asarray(t.position) for t in model.description.thruster]
             single = np.zeros((nv, 3 * len(places)))
-            single[:6] = np.hstack([np.vstack([np.eye(3), skew(p)]) for p in places])
+            single[:6] = np.hstack([np.vstack([np.eye(3), pin.skew(p)]) for p in places])
             maps.append((self.thrusts, single))
             maps.append((self.thruster, single @ _full_thrusts(model)))
         for signal, group in ((self.wheel_torque, model.wheels), (self.joint_torque, model.arm_joints)):

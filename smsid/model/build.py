@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -13,11 +14,11 @@ from scipy.linalg import lapack
 
 from smsid.description.schema import Arm, Description, Wheel
 from smsid.effects.assembly import Assembly
-from smsid.effects.slosh import Slosh
+from smsid.effects.friction import JointFriction
+from smsid.effects.inertial_parameters import matrix_to_parameters
 from smsid.errors import DescriptionError
 from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
-from smsid.model.joint_limits import outside_limits
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.spacecraft import (
     JointGroup,
@@ -25,9 +26,9 @@ from smsid.model.spacecraft import (
     Source,
     SpacecraftModel,
     group_angles,
+    outside_limits,
     set_group_angles,
 )
-from smsid.model.urdf_friction import with_urdf_friction
 
 logger = logging.getLogger(__name__)
 
@@ -121,7 +122,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
         arms=arms,
         arm_joints=all_joints,
         wheels=JointGroup.of(model, wheels),
-        slosh=tuple(_slosh_joint(model, tank, j) for tank, j in assembly.slosh.values()),
+        slosh=tuple(SloshJoint.of(model, tank, j) for tank, j in assembly.slosh.values()),
         appendages=tuple(assembly.appendages),
         modes=JointGroup.of(model, [j for a in assembly.appendages for j in a.joints]),
         mode_scale=np.concatenate([a.scale for a in assembly.appendages] or [np.zeros(0)]),
@@ -163,8 +164,8 @@ def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:
     joint = assembly.add_joint(None, pin.JointModelRevoluteUnaligned(axis), placement, wheel.name)
     assembly.add_inertia(joint, pin.Inertia(0.0, np.zeros(3), spin))
     if wheel.inertia_in_bus:
-        less = [spin[0, 0], spin[0, 1], spin[1, 1], spin[0, 2], spin[1, 2], spin[2, 2]]
-        assembly.add_remainder(None, np.array([0.0] * 4 + [-x for x in less]), pin.SE3.Identity())
+        less = np.concatenate([np.zeros(4), -matrix_to_parameters(spin)])
+        assembly.add_remainder(None, less, pin.SE3.Identity())
     return joint
 
 
@@ -214,12 +215,6 @@ def _arms(assembly: Assembly, d: Description, source: Source) -> dict[str, Joint
         if len(group):
             arms[arm.name] = group
     return arms
-
-
-def _slosh_joint(model: pin.Model, tank: Slosh, joint: int) -> SloshJoint:
-    j = model.joints[joint]
-    q, v = slice(j.idx_q, j.idx_q + 3), slice(j.idx_v, j.idx_v + 3)
-    return SloshJoint(tank, joint, q, v, model.jointPlacements[joint].translation.copy())
 
 
 def _springs(assembly: Assembly) -> dict[str, np.ndarray]:
@@ -364,3 +359,25 @@ def _check_masses(model: pin.Model, free: bool, home: np.ndarray) -> None:
         "kg m^2; a joint that is welded stands in `fixed` of its [[arm]].",
         joint=model.names[joint],
     )
+
+
+def with_urdf_friction(d: Description, losses: Mapping[str, tuple[float, float]]) -> Description:
+    """Return the description with an effect `JointFriction` for every joint that loses energy.
+
+    Args:
+        d: the description; a friction it has for a joint already stands instead of the URDF's.
+        losses: viscous [N m s/rad] and Coulomb friction [N m] by joint; N s/m and N of sliding joints.
+    """
+    described = {joint for e in d.effect for joint in e.urdf_dynamics()}
+    taken = {e.name for e in d.effect}
+    more = []
+    for joint, (viscous, coulomb) in losses.items():
+        if joint in described:
+            continue
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", joint) + "_friction"
+        name = name if name[0].isalpha() else f"joint_{name}"
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        more.append(JointFriction(name=name, joint=joint, viscous=viscous, coulomb=coulomb))
+    return d.with_effects(*more) if more else d

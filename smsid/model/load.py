@@ -1,10 +1,10 @@
-"""Reading URDFs into Pinocchio models, and mounting one on another."""
+"""Reading URDFs into Pinocchio models that are checked against the file, and mounting one on another."""
 
 from __future__ import annotations
 
 import logging
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from smsid._listing import some_of
+from smsid._listing import did_you_mean, some_of
 from smsid.description.robots import robot_urdf
-from smsid.description.schema import Arm, Description, did_you_mean
+from smsid.description.schema import Arm, Description
 from smsid.description.urdf_check import (
     check_inertias,
     check_meshes,
@@ -23,10 +23,9 @@ from smsid.description.urdf_check import (
     read_urdf,
     without_meshes,
 )
-from smsid.description.urdf_reading import Mimic, UrdfReading, parse_urdf
+from smsid.description.urdf_reading import JointReading, LinkReading, Mimic, UrdfReading, parse_urdf
 from smsid.effects.assembly import find_frame
 from smsid.errors import DescriptionError
-from smsid.model.built_check import check_built
 from smsid.model.followers import Followers, mimics_of
 from smsid.model.spacecraft import JointGroup, set_group_angles
 
@@ -47,21 +46,20 @@ class Loaded:
     mimics: dict[str, Mimic] = field(default_factory=dict)
 
 
+def urdf_of(d: Description, arm: Arm | None = None) -> tuple[Path, list[Path]]:
+    """Return the URDF of the spacecraft, or of a mounted arm, and the folders searched for packages.
+
+    Raises `DescriptionError` for a robot that there is not.
+    """
+    if arm is not None and arm.robot is not None:
+        return robot_urdf(arm.robot)
+    path = d.folder / str(d.urdf if arm is None else arm.urdf)
+    return path, [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
+
+
 def load_bus(d: Description, visuals: bool) -> Loaded:
     """Return the spacecraft's own URDF, on a free-flyer if its root is free."""
-    path = d.folder / d.urdf
-    folders = [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
-    root = pin.JointModelFreeFlyer() if d.root == "free" else None
-    own = [arm for arm in d.arm if not arm.mounted]
-    keep = texts_of(d)
-    fixed = tuple(name for arm in own for name in arm.fixed)
-    where = "the TOML (before its tables)"
-    trusted = d.inertias == "trusted"
-    loaded = _load(path, folders, d, root, visuals, trusted, where, fixed, d.arguments, keep)
-    for arm in own:
-        if arm.fixed:
-            loaded = _with_fixed(loaded, arm)
-    return loaded
+    return _load(d, None, pin.JointModelFreeFlyer() if d.root == "free" else None, visuals)
 
 
 def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]:
@@ -70,18 +68,7 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
     Every joint and frame of the arm gets the prefix ``<arm>/``; its root link becomes part of the body it is
     mounted on. Raises `DescriptionError` for a missing file, frame or robot.
     """
-    if arm.robot is not None:
-        path, folders = robot_urdf(arm.robot)
-    else:
-        path = d.folder / str(arm.urdf)
-        folders = [path.parent, *(d.folder / p for p in d.package_dirs)]
-    trusted = arm.inertias == "trusted"
-    where, shown = f"[[arm]] '{arm.name}'", bus.visual is not None
-    keep = texts_of(d)
-    keep |= {name.removeprefix(f"{arm.name}/") for name in keep} | set(arm.home)
-    child = _load(path, folders, d, None, shown, trusted, where, arm.fixed, arm.arguments, keep)
-    if arm.fixed:
-        child = _with_fixed(child, arm)
+    child = _load(d, arm, None, bus.visual is not None)
     names = []
     for j in range(1, child.model.njoints):
         child.model.names[j] = f"{arm.name}/{child.model.names[j]}"
@@ -147,21 +134,18 @@ def _welded(loaded: Loaded, names: Sequence[str], q: np.ndarray) -> Loaded:
     return Loaded(reduced, visual, losses, mimics)
 
 
-def _load(
-    path: Path,
-    folders: list[Path],
-    d: Description,
-    root: pin.JointModel | None,
-    visuals: bool,
-    trusted: bool,
-    where: str,
-    fixed: tuple[str, ...] = (),
-    arguments: Mapping[str, str] | None = None,
-    keep: Collection[str] = (),
-) -> Loaded:
-    text = read_urdf(path, arguments, folders)
+def _load(d: Description, arm: Arm | None, root: pin.JointModel | None, visuals: bool) -> Loaded:
+    """Return the spacecraft's own URDF, or that of a mounted arm, with its ``fixed`` joints welded."""
+    path, folders = urdf_of(d, arm)
+    where, source, keep = "the TOML (before its tables)", d, texts_of(d)
+    own = [a for a in d.arm if not a.mounted]
+    if arm is not None:
+        where, source, own = f"[[arm]] '{arm.name}'", arm, [arm]
+        keep |= {name.removeprefix(f"{arm.name}/") for name in keep} | set(arm.home)
+    keep |= {name for a in own for name in a.fixed}
+    text = read_urdf(path, source.arguments, folders)
     reading = parse_urdf(text, str(path))
-    check_inertias(reading, trusted=trusted, where=where)
+    check_inertias(reading, trusted=source.inertias == "trusted", where=where)
     folders = [*folders, *package_folders(text, path)]
     meshless = d.meshes == "ignored"
     if not meshless:
@@ -177,7 +161,7 @@ def _load(
         logger.warning("%s: not used: %s.", Path(reading.source).name, what)
     text = normalise_urdf(text)
     mimics = mimics_of(reading)
-    empty = [j for j in frame_joints(reading, text) if j not in fixed and j not in keep]
+    empty = [j for j in frame_joints(reading, text) if j not in keep]
     leading = {m.joint for n, m in mimics.items() if n not in empty}
     empty = [j for j in empty if j not in leading]
     if empty:
@@ -208,17 +192,20 @@ def _load(
         rest = set_group_angles(model, one, rest, np.array([mimic.offset]))
     empty += [n for n in still if n not in empty]
     mimics = {n: m for n, m in mimics.items() if n not in still}
-    if not visuals:
-        return _welded(Loaded(model, None, losses, mimics), empty, rest)
-    places = [str(f) for f in folders]
-    shown = without_meshes(text) if meshless else text
-    try:
-        visual = pin.buildGeomFromUrdfString(model, shown, pin.GeometryType.VISUAL, None, places)
-    except (ValueError, RuntimeError) as error:
-        raise DescriptionError(
-            f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
-        ) from error
-    return _welded(Loaded(model, visual, losses, mimics), empty, rest)
+    visual = None
+    if visuals:
+        places = [str(f) for f in folders]
+        shown = without_meshes(text) if meshless else text
+        try:
+            visual = pin.buildGeomFromUrdfString(model, shown, pin.GeometryType.VISUAL, None, places)
+        except (ValueError, RuntimeError) as error:
+            raise DescriptionError(
+                f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
+            ) from error
+    loaded = _welded(Loaded(model, visual, losses, mimics), empty, rest)
+    for fixing in own:
+        loaded = _with_fixed(loaded, fixing) if fixing.fixed else loaded
+    return loaded
 
 
 def texts_of(d: Description) -> set[str]:
@@ -263,3 +250,142 @@ def frame_joints(reading: UrdfReading, text: str) -> list[str]:
     moving = [j for j in reading.joints.values() if j.kind != "fixed"]
     found = [j.name for j in moving if not is_body(j.child)]
     return found if len(found) < len(moving) else []
+
+
+CLOSE = 1e-9
+"""Largest difference between file and model, relative to the size of what is compared."""
+DOF = {"revolute": 1, "continuous": 1, "prismatic": 1, "planar": 3, "floating": 6}
+
+
+def check_built(model: pin.Model, reading: UrdfReading, *, free: bool) -> None:
+    """Compare every link's inertia and every joint's frame, axis and limits with the file.
+
+    ``model`` is what was built of the URDF alone, on a free joint if ``free``.
+
+    Raises:
+        DescriptionError: anything differs: names link or joint and element, with both values.
+    """
+    inertias = {1 if free else 0: np.zeros(10)}
+    members: dict[int, list[str]] = {}
+    carried: dict[str, tuple[int, pin.SE3]] = {reading.root: (1 if free else 0, pin.SE3.Identity())}
+    waiting = list(reading.joints.values())
+    while waiting:
+        ready = [j for j in waiting if j.parent in carried]
+        if not ready:  # read_urdf refuses loops
+            raise DescriptionError(f"Joints of {reading.source} hang on no root.", advice="Close the tree.")
+        for joint in ready:
+            parent, placement = carried[joint.parent]
+            placement = placement * pin.SE3(joint.rotation, joint.position)
+            if joint.kind == "fixed":
+                carried[joint.child] = parent, placement
+                continue
+            carried[joint.child] = (
+                _check_joint(model, joint, parent, placement, reading.source),
+                (pin.SE3.Identity()),
+            )
+        waiting = [j for j in waiting if j.child not in carried]
+    for name, (body, placement) in carried.items():
+        members.setdefault(body, []).append(name)
+        theta = inertias.setdefault(body, np.zeros(10))
+        theta += _parameters(reading.links[name], placement)
+    for body, theta in inertias.items():
+        if body:  # the root of a welded robot moves nothing
+            _check_body(model, body, theta, [reading.links[n] for n in members[body]], carried, reading)
+
+
+def _check_joint(model: pin.Model, joint: JointReading, parent: int, placement: pin.SE3, source: str) -> int:
+    """Return the joint's index in the model."""
+    if not model.existJointName(joint.name):
+        _differs(f"Joint '{joint.name}'", source, "", "in the file", "missing")
+    index = model.getJointId(joint.name)
+    built = model.joints[index]
+    place = f"Joint '{joint.name}'"
+    if built.nv != DOF[joint.kind]:
+        _differs(place, source, "type", joint.kind, built.shortname())
+    if model.parents[index] != parent:
+        _differs(place, source, "<parent>", joint.parent, model.names[model.parents[index]])
+    frame = model.jointPlacements[index]
+    size = max(1.0, float(np.abs(placement.translation).max()))
+    if not (
+        np.allclose(frame.translation, placement.translation, atol=CLOSE * size, rtol=0.0)
+        and np.allclose(frame.rotation, placement.rotation, atol=CLOSE, rtol=0.0)
+    ):
+        _differs(place, source, "<origin>", placement.translation, frame.translation)
+    if built.nv != 1:
+        return index
+    data = built.createData()
+    built.calc(data, pin.neutral(model))
+    motion = np.asarray(data.S).reshape(6)
+    expected = np.zeros(6)
+    expected[slice(0, 3) if joint.kind == "prismatic" else slice(3, 6)] = joint.axis
+    if not np.allclose(motion, expected, atol=CLOSE, rtol=0.0):
+        _differs(place, source, "<axis>", joint.axis, motion[:3] if joint.kind == "prismatic" else motion[3:])
+    pairs = [
+        ("effort", joint.effort, model.effortLimit[built.idx_v]),
+        ("velocity", joint.velocity, model.velocityLimit[built.idx_v]),
+    ]
+    if joint.kind != "continuous":
+        pairs += [
+            ("lower", joint.lower, model.lowerPositionLimit[built.idx_q]),
+            ("upper", joint.upper, model.upperPositionLimit[built.idx_q]),
+        ]
+    for key, said, has in pairs:
+        if said is None:
+            continue
+        if not (np.isinf(said) and abs(has) > 1e300) and not np.isclose(has, said, rtol=CLOSE, atol=0.0):
+            _differs(place, source, f"<limit {key}>", said, has)
+    return index
+
+
+def _check_body(
+    model: pin.Model,
+    body: int,
+    theta: np.ndarray,
+    links: list[LinkReading],
+    carried: dict[str, tuple[int, pin.SE3]],
+    reading: UrdfReading,
+) -> None:
+    built = np.asarray(model.inertias[body].toDynamicParameters())
+    size = np.array([theta[0], *[np.abs(theta[1:4]).max()] * 3, *[np.abs(theta[4:]).max()] * 6])
+    if (np.abs(built - theta) <= CLOSE * np.maximum(size, 1e-12)).all():
+        return
+    missing = theta - built  # one link alone often explains it
+    guilty = [
+        link.name
+        for link in links
+        if np.allclose(_parameters(link, carried[link.name][1]), missing, rtol=1e-6, atol=1e-12)
+    ] or [link.name for link in links if link.mass > 0.0]
+    what = (
+        ("<mass>", theta[0], built[0])
+        if not np.isclose(built[0], theta[0], rtol=CLOSE)
+        else ("first moment of <inertial>", theta[1:4], built[1:4])
+        if not np.allclose(built[1:4], theta[1:4], rtol=0.0, atol=CLOSE * max(size[1], 1e-12))
+        else ("<inertia>", theta[4:], built[4:])
+    )
+    named = ", ".join(f"'{n}'" for n in guilty)
+    _differs(f"Link{'s' if len(guilty) > 1 else ''} {named}", reading.source, *what)
+
+
+def _parameters(link: LinkReading, placement: pin.SE3) -> np.ndarray:
+    """Inertial parameters (10,) about the origin of the joint that carries the link."""
+    centre = placement.act(link.centre)
+    about = placement.rotation @ link.inertia @ placement.rotation.T
+    about = about + link.mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
+    xx, xy, xz, _, yy, yz, _, _, zz = about.ravel()
+    return np.array([link.mass, *(link.mass * centre), xx, xy, yy, xz, yz, zz])
+
+
+def _differs(place: str, source: str, element: str, said: object, has: object) -> None:
+    raise DescriptionError(
+        f"{place} of {source}: {element} is {_shown(said)} in the file and {_shown(has)} in the model built.",
+        advice="Pinocchio read the file otherwise than it is written: simplify that element, and please "
+        "report it.",
+        file=said,
+        model=has,
+    )
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return "(" + ", ".join(f"{x:.6g}" for x in value) + ")"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

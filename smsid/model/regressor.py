@@ -17,7 +17,11 @@ INERTIAL_UNITS = ("kg", "kg m", "kg m", "kg m", *("kg m^2",) * 6)
 
 
 class Regressor:
-    """Momentum and torque regressors of one model. Holds scratch space: not for sharing between threads."""
+    """Momentum and torque regressors of one model. Holds scratch space: not for sharing between threads.
+
+    ``bodies`` names the moving bodies, ``names`` their inertial parameters ``<body>.<m|mx|...|Izz>``, in the
+    order of the ``columns``; ``units`` theirs.
+    """
 
     def __init__(self, model: SpacecraftModel) -> None:
         self.model = model
@@ -27,28 +31,10 @@ class Regressor:
         self._weightless.gravity = pin.Motion.Zero()
         self._weightless_data = self._weightless.createData()
         self._rest = np.zeros(model.nv)
-        self._bodies = body_names(model.pin)
-        self._names = tuple(f"{body}.{p}" for body in self._bodies for p in INERTIAL_NAMES)
-
-    @property
-    def columns(self) -> int:
-        """Number of inertial parameters, ten per moving body."""
-        return 10 * (self._pin.njoints - 1)
-
-    @property
-    def bodies(self) -> tuple[str, ...]:
-        """Names of the moving bodies, in the order of the columns."""
-        return self._bodies
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters, ``<body>.<m|mx|...|Izz>``."""
-        return self._names
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of the parameters."""
-        return INERTIAL_UNITS * (self._pin.njoints - 1)
+        self.bodies = body_names(model.pin)
+        self.names = tuple(f"{body}.{p}" for body in self.bodies for p in INERTIAL_NAMES)
+        self.units = INERTIAL_UNITS * len(self.bodies)
+        self.columns = len(self.names)
 
     @property
     def parameters(self) -> np.ndarray:
@@ -61,21 +47,17 @@ class Regressor:
         For q (N, nq), v (N, nv). Uses that the torque regressor without gravity at zero rate and acceleration
         v is M(q) v, whose first six rows are the momentum of a free-flyer [N s, N m s].
         """
-        return self._momenta(q, v, 6)
+        return self.generalised_momentum(q, v, 6)
 
-    def generalised_momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return Y with Y theta = M(q) v, all rows: (N, nv, 10 bodies)."""
-        return self._momenta(q, v, self.model.nv)
-
-    def _momenta(self, q: np.ndarray, v: np.ndarray, rows: int) -> np.ndarray:
+    def generalised_momentum(self, q: np.ndarray, v: np.ndarray, rows: int | None = None) -> np.ndarray:
+        """Return Y with Y theta = M(q) v: (N, nv, 10 bodies), or its first ``rows``."""
         q, v = np.atleast_2d(q), np.atleast_2d(v)
         model, data, rest, build = self._weightless, self._weightless_data, self._rest, _torque_regressor
-        out = np.empty((len(q), rows, self.columns))
+        out = np.empty((len(q), rows or self.model.nv, self.columns))
         shape = self.model.nv, self.columns
         for into, q_i, v_i in zip(out, q, v, strict=True):
-            into[:] = np.reshape(build(model, data, q_i, rest, v_i), shape)[
-                :rows
-            ]  # one row comes as a vector
+            whole = np.reshape(build(model, data, q_i, rest, v_i), shape)  # one row comes as a vector
+            into[:] = whole[:rows]
         return out
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

@@ -30,8 +30,8 @@ def review_description(path: str | os.PathLike[str]) -> Review:
 
     A fault in one part does not hide those of the others. Raises nothing that a description can cause.
     """
-    from smsid.description.robots import robot_urdf
     from smsid.model.build import build_model
+    from smsid.model.load import urdf_of
 
     wrong: list[str] = []
     doubtful: list[str] = []
@@ -39,22 +39,14 @@ def review_description(path: str | os.PathLike[str]) -> Review:
         d = load_description(path)
     except SmsidError as error:
         return Review((str(error),), ())
-    packages = [d.folder / p for p in d.package_dirs]
-    bus = d.folder / d.urdf
-    files = [
-        (bus, [bus.parent, d.folder, *packages], d.inertias, "the TOML (before its tables)", d.arguments)
-    ]
+    files = [(*urdf_of(d), d.inertias, "the TOML (before its tables)", d.arguments)]
     for arm in d.arm:
         where = f"[[arm]] '{arm.name}'"
         try:
-            if arm.robot is not None:
-                file, folders = robot_urdf(arm.robot)
-                files.append((file, folders, arm.inertias, where, {}))
+            if arm.mounted:
+                files.append((*urdf_of(d, arm), arm.inertias, where, arm.arguments))
         except SmsidError as error:
             wrong.append(f"{where}: {error}")
-        if arm.urdf is not None:
-            file = d.folder / arm.urdf
-            files.append((file, [file.parent, d.folder, *packages], arm.inertias, where, arm.arguments))
     for file, folders, inertias, where, arguments in files:
         wrong += _wrong_in_urdf(d, file, folders, inertias == "trusted", where, arguments)
     with _warnings() as told:

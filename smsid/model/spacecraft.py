@@ -56,6 +56,12 @@ class SloshJoint:
     v: slice
     position: np.ndarray
 
+    @classmethod
+    def of(cls, model: pin.Model, tank: Slosh, joint: int) -> SloshJoint:
+        """Return the slosh mass of a tank, on a joint of three coordinates."""
+        q, v = (slice(i, i + 3) for i in (model.joints[joint].idx_q, model.joints[joint].idx_v))
+        return cls(tank, joint, q, v, model.jointPlacements[joint].translation.copy())
+
     @property
     def name(self) -> str:
         """Name of the tank."""
@@ -270,3 +276,39 @@ def set_group_angles(model: pin.Model, group: JointGroup, q: np.ndarray, angles:
         else:
             out[k : k + 2] = np.cos(angle), np.sin(angle)
     return out
+
+
+SLACK = 1e-9  # [rad | m]
+
+
+@dataclass(frozen=True)
+class OutsideLimits:
+    """A joint beyond its limits: its number in the group, name, value and limits [rad | m]."""
+
+    index: int
+    name: str
+    value: float
+    lower: float
+    upper: float
+
+    @property
+    def middle(self) -> float:
+        """The middle of the limits."""
+        return (self.lower + self.upper) / 2
+
+    def __str__(self) -> str:
+        return f"home {self.value:.4g} is outside {self.lower:.4g} .. {self.upper:.4g}"
+
+
+def outside_limits(model: pin.Model, group: JointGroup, angles: np.ndarray) -> tuple[OutsideLimits, ...]:
+    """Return the joints of a group whose angles (joints,) are beyond their limits; joints without limits and
+    those with equal ones are left out.
+    """
+    found = []
+    for i, (j, k) in enumerate(zip(group.joints.tolist(), group.q.tolist(), strict=True)):
+        low, high = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
+        if model.joints[j].nq != 1 or not (np.isfinite([low, high]).all() and low < high):
+            continue
+        if not low - SLACK <= angles[i] <= high + SLACK:
+            found.append(OutsideLimits(i, group.names[i], float(angles[i]), low, high))
+    return tuple(found)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.control.closed_loop import Tracking, track_many
-from smsid.control.disturbance import left_out, sensor_noise
+from smsid.control.closed_loop import left_out, sensor_noise, track_many
 from smsid.control.gains import Gains, gains
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics
+from smsid.control.reduced import Draw, ReducedDynamics, perturbed
 from smsid.control.robust_term import RobustTerm, design_robust_term
 from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, trapezoid
-from smsid.control.uncertainty import Draw, perturbed
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
@@ -101,10 +99,6 @@ class Run:
     joints: float
     saturated: dict[str, int]
 
-    def to_table(self) -> dict[str, object]:
-        """Return the run as plain values."""
-        return asdict(self)
-
 
 class Study:
     """Flies the cases of one variant on one spacecraft; designs are made once per case."""
@@ -175,7 +169,10 @@ class Study:
             sensors=None if quiet else self.sensors,
             generators=None if quiet else [np.random.default_rng([d, 2]) for d in draws],
         )
-        return [self._run(case, controller, d, r) for d, r in zip(draws, runs, strict=True)]
+        return [
+            Run(self.variant.name, case.name, controller, d, r.base, r.joints, r.saturated)
+            for d, r in zip(draws, runs, strict=True)
+        ]
 
     def _law(self, case: Case, controller: str, draw: int) -> ModelBasedController:
         if controller not in CONTROLLERS:
@@ -199,9 +196,6 @@ class Study:
             robust=self.robust_term(case) if controller == "hinf" else None,
             period=1.0 / self.variant.rate,
         )
-
-    def _run(self, case: Case, controller: str, draw: int, run: Tracking) -> Run:
-        return Run(self.variant.name, case.name, controller, draw, run.base, run.joints, run.saturated)
 
 
 def _with_noise(sensor: Sensor, sigma: Mapping[str, float | None]) -> Sensor:

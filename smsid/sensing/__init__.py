@@ -9,8 +9,7 @@ from smsid.sensing.filters import (
     zero_phase_transposed,
 )
 from smsid.sensing.observe import add_noise, observe, sample_times
-from smsid.sensing.presets import preset, preset_names, preset_source
-from smsid.sensing.sensor import MEASURES, Sensor
+from smsid.sensing.sensor import MEASURES, Sensor, preset, preset_names, preset_source
 
 __all__ = [
     "MEASURES",

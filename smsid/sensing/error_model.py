@@ -11,9 +11,17 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import DescriptionError, RecordingError
-from smsid.sensing._noise import FloatArray, gauss_markov, random_walk, sampling_rate
-from smsid.sensing._resample import resample
-from smsid.sensing._values import checked, column, compose, fixed_errors, given
+from smsid.sensing._signals import (
+    FloatArray,
+    checked,
+    compose,
+    fixed_errors,
+    gauss_markov,
+    given,
+    random_walk,
+    resample,
+    sampling_rate,
+)
 from smsid.sensing.component import ComponentError, Finite, Magnitude, Share, held, place_of
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -259,7 +267,9 @@ class ErrorModel(BaseModel):
         for place, part in self._parts(shape):
             on = np.zeros(shape)
             on[place] = part.bias
-            error += on if part.bias_from is None else column(t >= part.bias_from, shape) * on
+            if part.bias_from is not None:
+                on[t < part.bias_from] = 0.0
+            error += on
         return error
 
     def _add_outliers(self, error: FloatArray, which: np.random.Generator, size: np.random.Generator) -> None:

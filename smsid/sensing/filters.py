@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from smsid.errors import RecordingError
-from smsid.sensing._noise import FloatArray
+from smsid.sensing._signals import FloatArray
 
 
 def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
@@ -34,9 +34,8 @@ def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> Floa
         RecordingError: cutoff not below Nyquist, a sample not finite, or a record shorter than one period of
             the cutoff.
     """
-    least, wanted = _padding(rate, cutoff, max(order, 1))
-    data, sos = _prepare(x, rate, cutoff, order, least=least + 1)
-    return np.asarray(sosfiltfilt(sos, data, axis=0, padlen=min(wanted, data.shape[0] - 1)))
+    data, sos, pad = _prepare(x, rate, cutoff, order)
+    return np.asarray(sosfiltfilt(sos, data, axis=0, padlen=pad))
 
 
 def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
@@ -54,9 +53,8 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int =
     Raises:
         RecordingError: as `zero_phase`.
     """
-    least, wanted = _padding(rate, cutoff, max(order, 1))
-    data, sos = _prepare(x, rate, cutoff, order, least=least + 1)
-    n, pad = data.shape[0], min(wanted, data.shape[0] - 1)
+    data, sos, pad = _prepare(x, rate, cutoff, order)
+    n = data.shape[0]
     wide = np.concatenate([np.zeros((pad, *data.shape[1:])), data, np.zeros((pad, *data.shape[1:]))])
     wide = sosfilt(sos, sosfilt(sos, wide, axis=0)[::-1], axis=0)[::-1]
     left, out, right = wide[:pad], wide[pad : pad + n].copy(), wide[pad + n :]
@@ -112,23 +110,13 @@ def uniform_rate(times: FloatArray, name: str = "record") -> float:
     return float((times.size - 1) / (times[-1] - times[0]))
 
 
-def _padding(rate: float, cutoff: float, order: int) -> tuple[int, int]:
-    """Return least and wanted extension in samples: one period of the cutoff, and settling to 1e-4."""
-    if not 0.0 < cutoff < math.inf:
-        return 0, 0
-    # The slack keeps a rate read off a clock, 200.0000001 Hz, from costing a sample.
-    period = max(math.ceil(rate / cutoff - 1e-6), 3 * (order + 1))
-    return period, max(period, math.ceil(settling_time(cutoff, order) * rate - 1e-6))
-
-
 def settling_time(cutoff: float, order: int = 4) -> float:
     """Return the time [s] in which a Butterworth low-pass with ``cutoff`` [Hz] settles to 1e-4."""
     return math.log(1e4) / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * order)))
 
 
-def _prepare(
-    x: ArrayLike, rate: float, cutoff: float, order: int, least: int
-) -> tuple[FloatArray, FloatArray]:
+def _prepare(x: ArrayLike, rate: float, cutoff: float, order: int) -> tuple[FloatArray, FloatArray, int]:
+    """Return the samples, the filter, and by how many samples to extend them at both ends."""
     if not (math.isfinite(rate) and 0.0 < cutoff < 0.5 * rate):
         raise RecordingError(
             f"A cutoff of {cutoff} Hz is not between 0 and Nyquist, {0.5 * rate} Hz, of a rate of {rate} Hz.",
@@ -139,10 +127,9 @@ def _prepare(
         )
     if order < 1:
         raise RecordingError(f"A filter of order {order}.", advice="Give 1 or more.", order=order)
-    return _finite(x, least), np.asarray(butter(order, cutoff, fs=rate, output="sos"))
-
-
-def _finite(x: ArrayLike, least: int) -> FloatArray:
+    # The slack keeps a rate read off a clock, 200.0000001 Hz, from costing a sample.
+    period = max(math.ceil(rate / cutoff - 1e-6), 3 * (order + 1))
+    wanted, least = max(period, math.ceil(settling_time(cutoff, order) * rate - 1e-6)), period + 1
     data = np.asarray(x, dtype=float)
     samples = data.shape[0] if data.ndim else 0
     if samples < least:
@@ -159,4 +146,5 @@ def _finite(x: ArrayLike, least: int) -> FloatArray:
             advice="Filters spread them over the record; cut or fill them first.",
             samples=bad,
         )
-    return data
+    sos = np.asarray(butter(order, cutoff, fs=rate, output="sos"))
+    return data, sos, min(wanted, samples - 1)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from smsid.errors import RecordingError
-from smsid.sensing._noise import FloatArray
-from smsid.sensing._resample import resample
+from smsid.sensing._signals import FloatArray, resample
 from smsid.sensing.filters import uniform_rate
 from smsid.sensing.sensor import Sensor
 

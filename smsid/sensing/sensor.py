@@ -1,9 +1,13 @@
-"""A sensor: what it measures, where it sits, how often and how badly."""
+"""A sensor: what it measures, where it sits, how often and how badly; presets of real instruments."""
 
 from __future__ import annotations
 
+import copy
+import difflib
+import tomllib
 from collections.abc import Mapping
-from functools import partial
+from functools import cache, partial
+from importlib import resources
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,10 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import DescriptionError, RecordingError
-from smsid.sensing._noise import FloatArray
-from smsid.sensing._values import compose
+from smsid.sensing._signals import FloatArray, compose
 from smsid.sensing.error_model import COARSEST_ATTITUDE, ErrorModel, Magnitude, Positive, Triple
-from smsid.sensing.presets import preset as _preset
 
 Kind = Literal["pose", "imu", "encoder", "tachometer", "accelerometers"]
 Station = Annotated[int, Field(ge=0, strict=True)]
@@ -87,7 +89,7 @@ class Sensor(BaseModel):
             return data
         fields = dict(data)
         if isinstance(fields.get("preset"), str):  # anything else is refused as its field is
-            fields = _overlay(_preset(fields["preset"], fields.get("kind")), fields)
+            fields = _overlay(preset(fields["preset"], fields.get("kind")), fields)
         if not fields.get("quantities"):
             fields["quantities"] = MEASURES.get(str(fields.get("kind")), ())
         return fields
@@ -166,7 +168,7 @@ class Sensor(BaseModel):
             times: (N,) sampling times [s].
             ideal: (N, ...) true values, shape, frame and unit of the quantity; body vectors are in the bus
                 frame, at the sensor's position.
-            rng: source of every draw; ``None``: see `systematic`.
+            rng: source of every draw; ``None``: nothing is drawn, saturated or rounded.
             delayed: ``ideal`` is already the truth at ``t`` less delay and time offset.
 
         Raises:
@@ -186,15 +188,6 @@ class Sensor(BaseModel):
             return compose(report(ideal=compose(x, mount)), mount.inv())
         to_bus = self.rotation
         return report(ideal=x @ to_bus) @ to_bus.T
-
-    def systematic(
-        self, quantity: str, times: ArrayLike, ideal: ArrayLike, *, delayed: bool = False
-    ) -> FloatArray:
-        """Return what the sensor reports of one quantity but for what is drawn, saturated or rounded.
-
-        Arguments, axes and errors as in `measure`; see `ErrorModel.systematic`.
-        """
-        return self.measure(quantity, times, ideal, None, delayed=delayed)
 
     def _check_shape(self, quantity: str, shape: tuple[int, ...]) -> None:
         if self.kind == "accelerometers":
@@ -235,3 +228,71 @@ def _overlay(base: dict[str, Any], explicit: dict[str, Any]) -> dict[str, Any]:
             errors[quantity] = {**kept, **given}
     merged["errors"] = errors
     return merged
+
+
+@cache
+def _table() -> dict[tuple[str, str], dict[str, Any]]:
+    text = resources.files("smsid.sensing").joinpath("presets.toml").read_text(encoding="utf-8")
+    return {(p["name"], p["kind"]): p for p in tomllib.loads(text)["preset"]}
+
+
+def preset_names(kind: str | None = None) -> tuple[str, ...]:
+    """Return the names of the presets, of one ``kind`` of sensor or all of them, sorted."""
+    return tuple(sorted({name for name, of in _table() if kind is None or of == kind}))
+
+
+def preset(name: str, kind: str | None = None) -> dict[str, Any]:
+    """Return the fields a preset gives a `Sensor`: ``kind``, ``rate``, ``errors``, perhaps ``quantities``.
+
+    ``Sensor(name="imu", kind="imu", preset="stim300")`` is the usual way; this is for reading the numbers.
+
+    Args:
+        name: one of `preset_names`.
+        kind: kind of the sensor; needed for a preset that covers several (``reference``).
+
+    Raises:
+        DescriptionError: no such preset (evidence: the closest names), or ``kind`` is missing or wrong.
+    """
+    entry = dict(_entry(name, kind))
+    del entry["name"], entry["source"]
+    return copy.deepcopy(entry)
+
+
+def preset_source(name: str, kind: str | None = None) -> str:
+    """Return where the numbers of a preset come from: what was seen, what is typical, what is assumed.
+
+    Args:
+        name: one of `preset_names`.
+        kind: kind of the sensor; needed for a preset that covers several.
+
+    Raises:
+        DescriptionError: as `preset`.
+    """
+    return str(_entry(name, kind)["source"])
+
+
+def _entry(name: str, kind: str | None) -> dict[str, Any]:
+    table = _table()
+    kinds = [of for known, of in table if known == name]
+    if not kinds:
+        closest = difflib.get_close_matches(name, preset_names(), n=3, cutoff=0.4)
+        raise DescriptionError(
+            f"There is no sensor preset '{name}'.",
+            advice=f"Closest: {', '.join(closest)}." if closest else f"Known: {', '.join(preset_names())}.",
+            name=name,
+            closest=closest,
+            known=preset_names(),
+        )
+    if kind is None and len(kinds) == 1:
+        return table[name, kinds[0]]
+    if kind not in kinds:
+        raise DescriptionError(
+            f"The sensor preset '{name}' is for {', '.join(kinds)}"
+            + (f", not {kind}." if kind is not None else "; kind is not given."),
+            advice="Give the sensor one of these kinds"
+            + (f", or one of the presets for {kind}: {', '.join(preset_names(kind))}." if kind else "."),
+            name=name,
+            kind=kind,
+            kinds=kinds,
+        )
+    return table[name, kind]

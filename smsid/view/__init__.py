@@ -11,11 +11,10 @@ from smsid._callable import make_callable
 from smsid.view.export import export_html
 from smsid.view.live import LiveView, show
 from smsid.view.look import Look
-from smsid.view.main import played, write_view
+from smsid.view.main import played, simulated_twin, write_view
 from smsid.view.motion import Motion
 from smsid.view.replay import Companion, Replay, replay
 from smsid.view.scene import Scene, build_scene
-from smsid.view.twin import simulated_twin
 from smsid.view.video import export_video
 
 __all__ = [

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import require
-from smsid.view.camera import FIELD_OF_VIEW, fitted_camera
+from smsid.view.look import FIELD_OF_VIEW, fitted_camera
 from smsid.view.parts import Part
 from smsid.view.scene import Scene
 from smsid.view.shapes import Box, Cylinder, Lines, Material, Mesh, Shape, Sphere, Stars

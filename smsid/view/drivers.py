@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -77,23 +76,20 @@ class Frames:
         return momenta(self.model, self.motion)
 
 
-class Driver(Protocol):
-    """Poses of a part over the frames."""
-
-    def poses(self, frames: Frames) -> np.ndarray:
-        """Return (N, 4, 4): rotation, translation [m], and perhaps scale along the part's own axes."""
-        ...
+Driver = Callable[[Frames], np.ndarray]
+"""Poses (N, 4, 4) of a part over the frames: rotation, translation [m], perhaps scale along its own axes."""
 
 
-@dataclass(frozen=True)
-class JointDriver:
-    """The part moves with a joint, in the axes of the joint's parent."""
+def joint_driver(joint: int) -> Driver:
+    """Return what moves a part with a joint, in the axes of the joint's parent."""
+    return lambda frames: frames.joints[:, joint]
 
-    joint: int
 
-    def poses(self, frames: Frames) -> np.ndarray:
-        """Return the joint's poses (N, 4, 4)."""
-        return frames.joints[:, self.joint]
+def centre_poses(frames: Frames) -> np.ndarray:
+    """Return poses (N, 4, 4) at the centre of mass, in inertial axes."""
+    poses = np.tile(np.eye(4), (len(frames.q), 1, 1))
+    poses[:, :3, 3] = frames.momenta.com
+    return poses
 
 
 @dataclass(frozen=True)
@@ -106,21 +102,10 @@ class StripDriver:
     q: np.ndarray  # of the modes
     scale: np.ndarray  # modal coordinate = scale * q
 
-    def poses(self, frames: Frames) -> np.ndarray:
+    def __call__(self, frames: Frames) -> np.ndarray:
         """Return the strip's poses (N, 4, 4) in surface axes."""
         delta = frames.deflection[:, self.q] * self.scale
         return self.surface.strip_poses(delta, self.strips, np.array([self.index]))[:, 0]
-
-
-@dataclass(frozen=True)
-class CentreDriver:
-    """The part sits at the centre of mass, in inertial axes."""
-
-    def poses(self, frames: Frames) -> np.ndarray:
-        """Return poses (N, 4, 4)."""
-        poses = np.tile(np.eye(4), (len(frames.q), 1, 1))
-        poses[:, :3, 3] = frames.momenta.com
-        return poses
 
 
 @dataclass(frozen=True)
@@ -135,7 +120,7 @@ class VectorDriver:
     point: np.ndarray | None
     length_per_unit: float
 
-    def poses(self, frames: Frames) -> np.ndarray:
+    def __call__(self, frames: Frames) -> np.ndarray:
         """Return poses (N, 4, 4); without a vector the sign shrinks to nothing."""
         vector = self.vector(frames)
         size = np.linalg.norm(vector, axis=1)

@@ -1,4 +1,4 @@
-"""A replay as one HTML file that needs nothing else: no network, no server, no Python."""
+"""A replay as one HTML file that needs no network, server or Python, with numbers beside the picture."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import html
 import json
 import logging
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -14,16 +15,17 @@ from string import Template
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from smsid._files import atomic_write
 from smsid.errors import require
-from smsid.view import arrows, trail
-from smsid.view.camera import ASPECT
+from smsid.view import arrows
+from smsid.view.arrows import tool_positions
 from smsid.view.commands import Command, scene_commands, sky_commands
 from smsid.view.drivers import DEFLECTION, Frames, StripDriver
+from smsid.view.look import ASPECT
 from smsid.view.parts import GHOST
-from smsid.view.readouts import readouts
-from smsid.view.replay import Replay
+from smsid.view.replay import Companion, Replay
 from smsid.view.scene import Scene
 from smsid.view.shapes import Color
 
@@ -36,7 +38,7 @@ COLORS: dict[str, Color] = {
     "momentum": arrows.LINEAR,
     "angular momentum": arrows.ANGULAR,
     "centre of mass": (0.95, 0.78, 0.10),
-    "tool trail": trail.COLOR,
+    "tool trail": arrows.TRAIL_COLOR,
     "sensors": (0.90, 0.22, 0.16),
 }
 
@@ -52,7 +54,8 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
         MissingDependencyError: meshcat is not installed.
         SmsidError: the folder does not exist.
     """
-    viewer = _viewer()
+    meshcat = Path(require("meshcat", "view").__file__).parent
+    viewer = (meshcat / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")  # three.js included
     scene = view.scene if isinstance(view, Replay) else view
     name = title or scene.model.description.name
     facts: dict[str, Any] = {"title": name, "start": 0.0, "stop": 0.0, "speed": 1.0, "rate": 1.0}
@@ -77,7 +80,7 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
         style=folder.joinpath("player.css").read_text(encoding="utf-8"),
         viewer=viewer,
         player=folder.joinpath("player.js").read_text(encoding="utf-8"),
-        facts=_script_safe(json.dumps(facts)),
+        facts=json.dumps(facts).replace("<", "\\u003c"),  # no text ends the script it stands in
         commands=json.dumps([_packed(c) for c in commands]),
     )
     logger.info("%s: %.1f MB", path, len(text) / 1e6)
@@ -115,7 +118,7 @@ def _played(view: Replay, bent: list[Bend]) -> dict[str, Any]:
             for name, paths in layers.items()
             if paths
         ],
-        "trails": [{"path": t.path, "pieces": t.pieces, "indices": trail.INDICES} for t in trails],
+        "trails": [{"path": t.path, "pieces": t.pieces, "indices": arrows.INDICES} for t in trails],
         "readouts": [
             {"label": r.label, "unit": r.unit, "layer": r.layer, "values": _floats(r.values)}
             for r in readouts(view)
@@ -143,20 +146,9 @@ def _floats(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def _viewer() -> str:
-    """Return the JavaScript of meshcat's viewer, three.js included."""
-    folder = Path(require("meshcat", "view").__file__).parent
-    return (folder / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
-
-
 def _packed(command: Command) -> str:
     packed = require("umsgpack", "view").packb(command, force_float_precision="single")
     return base64.b64encode(packed).decode("ascii")
-
-
-def _script_safe(text: str) -> str:
-    """Keep a text from ending the script element it stands in."""
-    return text.replace("<", "\\u003c")
 
 
 @dataclass(frozen=True)
@@ -191,3 +183,75 @@ def bending_parts(scene: Scene, frames: Frames) -> list[Bend]:
         twist = surface.twist(step * (np.arange(count) + 0.5))
         found.append(Bend(tuple(path for path, _ in drawn), step, edges, twist, delta))
     return found
+
+
+@dataclass(frozen=True)
+class Readout:
+    """A number over the frames (N,), with its unit; ``layer`` is that of the sign that stands for it."""
+
+    label: str
+    unit: str
+    values: np.ndarray
+    layer: str = ""
+
+
+def readouts(played: Replay) -> list[Readout]:
+    """Return the numbers of a replay: forces, momentum, slosh, deflection, and how far companions are off."""
+    found = [*_signs(played), *_hidden(played)]
+    for other in played.companions:
+        found += _differences(played, other)
+    return found
+
+
+def _signs(played: Replay) -> Iterator[Readout]:
+    motion, layers = played.motion, played.scene.layers
+    if "thrust" in layers:
+        yield Readout("thrust", "N", _norm(motion.force), "thrust")
+    if "torques" in layers:
+        torques = [t for t in (motion.torque, motion.joint_torque, motion.wheel_torque) if t is not None]
+        largest = np.max([np.abs(t).max(axis=1) for t in torques if t.shape[1]], axis=0)
+        yield Readout("largest torque", "N m", largest, "torques")
+    if "momentum" in layers:
+        yield Readout("momentum", "N s", _norm(played.frames.momenta.linear), "momentum")
+    if "angular momentum" in layers:
+        yield Readout("angular momentum", "N m s", _norm(played.frames.momenta.angular), "angular momentum")
+
+
+def _hidden(played: Replay) -> Iterator[Readout]:
+    model, q = played.scene.model, played.motion.q
+    for slosh in model.slosh:
+        if np.any(q[:, slosh.q]):
+            yield Readout(f"slosh of {slosh.name}", "mm", 1e3 * _norm(q[:, slosh.q]))
+    for appendage in model.appendages:
+        tip = _tip(played, appendage.appendage.name)
+        if tip is not None and np.any(tip):
+            yield Readout(f"tip of {appendage.appendage.name}", "mm", tip)
+
+
+def _tip(played: Replay, name: str) -> np.ndarray | None:
+    """Return how far the far edge of an appendage is from rest (N,) [mm], true to scale."""
+    for part in reversed(played.scene.parts):
+        driver = part.driver
+        if isinstance(driver, StripDriver) and part.path.split("/")[-2] == name.replace("/", "."):
+            delta = played.motion.q[:, driver.q] * driver.scale
+            end = driver.surface.displacement(np.array([driver.surface.length]))[0]
+            return 1e3 * _norm(delta @ end)
+    return None
+
+
+def _differences(played: Replay, other: Companion) -> Iterator[Readout]:
+    model, a, b = played.scene.model, played.motion.q, other.motion.q
+    ours, theirs = tool_positions(model, a), tool_positions(model, b)
+    for name in ours:
+        yield Readout(f"{other.label}: {name} tool off", "mm", 1e3 * _norm(ours[name] - theirs[name]))
+    if model.free:
+        turn = Rotation.from_quat(a[:, 3:7]).inv() * Rotation.from_quat(b[:, 3:7])
+        yield Readout(f"{other.label}: attitude off", "deg", np.rad2deg(turn.magnitude()))
+    for slosh in model.slosh:
+        off = _norm(a[:, slosh.q] - b[:, slosh.q])
+        if np.any(a[:, slosh.q]) and np.any(off):
+            yield Readout(f"{other.label}: slosh of {slosh.name} off", "mm", 1e3 * off)
+
+
+def _norm(vectors: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(vectors, axis=1)

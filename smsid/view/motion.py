@@ -42,12 +42,7 @@ class Motion:
 
 
 def motion_of(
-    model: SpacecraftModel,
-    source: Source,
-    step: float,
-    max_frames: int,
-    *,
-    times: np.ndarray | None = None,
+    model: SpacecraftModel, source: Source, step: float, max_frames: int, *, times: np.ndarray | None = None
 ) -> Motion:
     """Return the motion sampled every ``step`` [s], or coarser when that makes more than ``max_frames``.
 

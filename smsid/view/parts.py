@@ -86,32 +86,30 @@ def hidden_points(model: SpacecraftModel) -> list[np.ndarray]:
 
 
 def visual_parts(parent: str, geometry: Any, inside: list[np.ndarray], opacity: float) -> list[Part]:
-    """Return a URDF visual; with any of the points (3,) [m] inside it is see-through, its edges drawn."""
+    """Return a URDF visual, see-through with any of the points (3,) [m] inside."""
     found = shape_of(geometry)
     if found is None:
         return []
-    shape, material = found
-    path, pose = f"{parent}/{node_name(geometry.name)}", geometry.placement.homogeneous
-    if opacity < 1.0 and any(contains(shape, geometry.placement.inverse().act(p)) for p in inside):
-        hull = Part(path, pose, shape, replace(material, opacity=opacity * material.opacity), shadow=False)
-        edges = (
-            [Part(f"{path}/edges", np.eye(4), box_edges(shape.size), EDGE)] if isinstance(shape, Box) else []
-        )
-        return [hull, *edges]
-    return [Part(path, pose, shape, material)]
+    path = f"{parent}/{node_name(geometry.name)}"
+    return _hull(Part(path, geometry.placement.homogeneous, *found), inside, opacity)
+
+
+def _hull(part: Part, inside: list[np.ndarray], opacity: float) -> list[Part]:
+    """Return a part; with any of the points (3,) [m] inside it is see-through, the edges of a box drawn."""
+    assert part.shape is not None
+    place = np.linalg.inv(part.pose)
+    if opacity >= 1.0 or not any(contains(part.shape, place[:3, :3] @ p + place[:3, 3]) for p in inside):
+        return [part]
+    clear = replace(part.material, opacity=opacity * part.material.opacity)
+    edges = box_edges(part.shape.size) if isinstance(part.shape, Box) else None
+    more = [] if edges is None else [Part(f"{part.path}/edges", np.eye(4), edges, EDGE)]
+    return [replace(part, material=clear, shadow=False), *more]
 
 
 def inertia_parts(
-    model: SpacecraftModel,
-    paths: dict[int, str],
-    shown: set[int],
-    inside: list[np.ndarray],
-    opacity: float,
+    model: SpacecraftModel, paths: dict[int, str], shown: set[int], inside: list[np.ndarray], opacity: float
 ) -> list[Part]:
-    """Return for each body without visuals the box of its inertia.
-
-    That of the bus is see-through with its edges drawn, like a visual, where points (3,) [m] lie ``inside``.
-    """
+    """Return the box of inertia of each body without visuals; see-through for the bus, like a visual."""
     bus = 1 if model.free else 0
     drawn = shown | {int(j) for j in model.wheels.joints} | {s.joint for s in model.slosh}
     parts = []
@@ -120,15 +118,8 @@ def inertia_parts(
         if joint in drawn or joint == 0 or inertia.mass <= 0.0:
             continue
         size, pose = inertia_box(inertia)
-        box, node = Box((size[0], size[1], size[2])), f"{path}/inertia"
-        hides = joint == bus and any(
-            contains(box, pose[:3, :3].T @ (np.asarray(p) - pose[:3, 3])) for p in inside
-        )
-        if hides and opacity < 1.0:
-            parts.append(Part(node, pose, box, replace(LINK, opacity=opacity), shadow=False))
-            parts.append(Part(f"{node}/edges", np.eye(4), box_edges(box.size), EDGE))
-        else:
-            parts.append(Part(node, pose, box, LINK))
+        drawn_box = Part(f"{path}/inertia", pose, Box((size[0], size[1], size[2])), LINK)
+        parts += _hull(drawn_box, inside if joint == bus else [], opacity)
     return parts
 
 

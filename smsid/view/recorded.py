@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +13,6 @@ from smsid.errors import RecordingError
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
-from smsid.sensing.sensor import Sensor
 from smsid.view.motion import Motion, grid, interpolate
 
 logger = logging.getLogger(__name__)
@@ -34,8 +32,8 @@ def recorded_motion(
     found: dict[str, Samples] = {}
     lever, notes = np.zeros(3), []
 
-    def look(role: str, what: str, kind: str, default: str, quantity: str) -> np.ndarray | None:
-        place = measured_samples(model, rec, kind, default, quantity)
+    def look(role: str, what: str, kind: str, quantity: str) -> np.ndarray | None:
+        place = measured_samples(model, rec, kind, quantity)
         if place is None:
             notes.append(f"{what} not recorded: drawn at rest")
             return None
@@ -43,13 +41,13 @@ def recorded_motion(
         return place[1]
 
     if model.free:
-        place = look("position", "position", "pose", "pose", "position")
+        place = look("position", "position", "pose", "position")
         lever = lever if place is None else place
-        look("attitude", "attitude", "pose", "pose", "attitude")
+        look("attitude", "attitude", "pose", "attitude")
     if len(model.arm_joints):
-        look("joints", "joint angles", "encoder", "encoder", "joint_position")
+        look("joints", "joint angles", "encoder", "joint_position")
     if len(model.wheels):
-        look("wheels", "wheel rates", "tachometer", "tachometer", "wheel_rate")
+        look("wheels", "wheel rates", "tachometer", "wheel_rate")
     for role, what, quantity, size in (
         ("slosh", "slosh", "slosh_position", model.slosh),
         ("modes", "deflection of appendages", "modal_position", model.modes),
@@ -95,11 +93,7 @@ def recorded_motion(
 
 
 def _configurations(
-    model: SpacecraftModel,
-    found: dict[str, Samples],
-    lever: np.ndarray,
-    times: np.ndarray,
-    notes: list[str],
+    model: SpacecraftModel, found: dict[str, Samples], lever: np.ndarray, times: np.ndarray, notes: list[str]
 ) -> np.ndarray:
     q = np.tile(model.home, (len(times), 1))
 
@@ -159,21 +153,17 @@ def channel(recording: Recording, name: str) -> Samples:
     return np.asarray(t[good]), np.asarray(values[good])
 
 
-def sources(model: SpacecraftModel, kind: str, default: str) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield names and positions (3,) [m] of the sensors that may have recorded a quantity."""
-    sensors: tuple[Sensor, ...] = model.description.sensor
-    for sensor in sensors:
-        if sensor.kind == kind:
-            yield sensor.name, np.asarray(sensor.position)
-    if all(sensor.name != default for sensor in sensors):
-        yield default, np.zeros(3)
-
-
 def measured_samples(
-    model: SpacecraftModel, recording: Recording, kind: str, default: str, quantity: str
+    model: SpacecraftModel, recording: Recording, kind: str, quantity: str
 ) -> tuple[Samples, np.ndarray] | None:
-    """Return the samples of a quantity, from the first source that has it, and where (3,) [m] that sits."""
-    for name, position in sources(model, kind, default):
+    """Return the samples of a quantity and where (3,) [m] its source, the first of a kind that has it, sits.
+
+    A source of the kind's name that is no sensor of the description sits at the bus's origin.
+    """
+    places = {s.name: np.asarray(s.position) for s in model.description.sensor if s.kind == kind}
+    if all(s.name != kind for s in model.description.sensor):
+        places[kind] = np.zeros(3)
+    for name, position in places.items():
         if f"{name}.{quantity}" in recording:
             return channel(recording, f"{name}.{quantity}"), position
     return None
@@ -233,19 +223,19 @@ def recorded_velocity(
         if found is not None and found[1].shape[1:] == v[0, index].shape:
             v[:, index] = interpolate(*found, times) * factor
 
-    def measured(kind: str, default: str, quantity: str) -> Samples | None:
-        found = measured_samples(model, recording, kind, default, quantity)
+    def measured(kind: str, quantity: str) -> Samples | None:
+        found = measured_samples(model, recording, kind, quantity)
         return None if found is None else found[0]
 
     if model.free:
-        put(measured("imu", "imu", "angular_rate"), slice(3, 6))
-        velocity = measured_samples(model, recording, "pose", "pose", "velocity")
+        put(measured("imu", "angular_rate"), slice(3, 6))
+        velocity = measured_samples(model, recording, "pose", "velocity")
         if velocity is not None:
             samples, lever = velocity
             turn = Rotation.from_quat(q[:, 3:7])
             v[:, :3] = turn.inv().apply(interpolate(*samples, times)) - np.cross(v[:, 3:6], lever)
-    put(measured("encoder", "encoder", "joint_velocity"), model.arm_joints.v)
-    put(measured("tachometer", "tachometer", "wheel_rate"), model.wheels.v)
+    put(measured("encoder", "joint_velocity"), model.arm_joints.v)
+    put(measured("tachometer", "wheel_rate"), model.wheels.v)
     put(
         hidden_coordinates(recording, "modal_velocity", together=False), model.modes.v, 1.0 / model.mode_scale
     )

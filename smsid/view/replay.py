@@ -12,10 +12,9 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import SmsidError
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.view.camera import across, fitted_camera
 from smsid.view.commands import PREFIX, Command, animation_command, part_commands, scene_commands
 from smsid.view.drivers import Frames
-from smsid.view.look import Look
+from smsid.view.look import Look, across, fitted_camera
 from smsid.view.motion import Motion, Source, motion_of
 from smsid.view.scene import ROOT, Scene, build_scene, fitting_scale
 

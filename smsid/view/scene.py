@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,13 +10,12 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view import parts as make
-from smsid.view.arrows import sign_parts
-from smsid.view.drivers import Frames, JointDriver, Scale
+from smsid.view.arrows import Trail, sign_parts, trail_parts
+from smsid.view.drivers import Frames, Scale, joint_driver
 from smsid.view.look import Look
 from smsid.view.momentum import momenta
 from smsid.view.motion import Motion
 from smsid.view.parts import GHOST, Part, as_overlay
-from smsid.view.trail import Trail, trail_parts
 from smsid.view.visuals import visuals_of
 
 ROOT = "spacecraft"
@@ -69,17 +68,7 @@ class Scene:
 
     def poses(self, frames: Frames) -> dict[str, np.ndarray]:
         """Return the poses (N, 4, 4) in parent axes of every moving part, by path."""
-        return {p.path: p.driver.poses(frames) for p in self.parts if p.driver is not None}
-
-    def world_poses(self, frames: Frames) -> dict[str, np.ndarray]:
-        """Return the poses (N, 4, 4) in inertial axes of every part, by path."""
-        local = self.poses(frames)
-        world: dict[str, np.ndarray] = {}
-        for part in self.parts:
-            pose = local.get(part.path, part.pose[None])
-            above = world.get(part.path.rpartition("/")[0])
-            world[part.path] = pose if above is None else above @ pose
-        return world
+        return {p.path: p.driver(frames) for p in self.parts if p.driver is not None}
 
 
 def build_scene(
@@ -117,7 +106,7 @@ def build_scene(
     parts: list[Part] = []
     for joint, path in paths.items():
         placed = np.eye(4) if joint == 0 else model.pin.jointPlacements[joint].homogeneous
-        parts.append(Part(path, placed, driver=JointDriver(joint) if joint else None))
+        parts.append(Part(path, placed, driver=joint_driver(joint) if joint else None))
     for geometry in visual.geometryObjects:
         parent = geometry.parentJoint
         see_through = look.hull_opacity if parent == bus else 1.0
@@ -179,14 +168,20 @@ def _sampled(model: SpacecraftModel, motion: Motion, look: Look) -> Motion:
     return Motion(motion.time[chosen], q, motion.force[chosen])
 
 
+def world_poses(parts: Iterable[Part], frames: Frames) -> dict[str, np.ndarray]:
+    """Return the poses (N, 4, 4) in inertial axes of every part, by path."""
+    world: dict[str, np.ndarray] = {}
+    for part in parts:
+        pose = part.pose[None] if part.driver is None else part.driver(frames)
+        world[part.path] = world.get(part.path.rpartition("/")[0], np.eye(4)) @ pose
+    return world
+
+
 def _corners(parts: list[Part], frames: Frames) -> np.ndarray:
     """Return the corners (K, 3) [m] of the extents of all shapes in all frames."""
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    world: dict[str, np.ndarray] = {}
-    found = [np.zeros((1, 3))]
+    world, found = world_poses(parts, frames), [np.zeros((1, 3))]
     for part in parts:
-        pose = part.pose[None] if part.driver is None else part.driver.poses(frames)
-        world[part.path] = world.get(part.path.rpartition("/")[0], np.eye(4)) @ pose
         if part.half_size.any():
             at = world[part.path]
             corners = (signs * part.half_size) @ at[:, :3, :3].swapaxes(1, 2) + at[:, None, :3, 3]

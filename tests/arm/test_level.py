@@ -10,7 +10,7 @@ from smsid.arm import identify_arm, with_joint_effects
 from smsid.arm.residual_dependence import leftover_sentences
 from smsid.description import Description
 from smsid.effects import BaseTilt
-from smsid.effects.base_tilt import horizontal_axes, tilted_gravity
+from smsid.effects.external import horizontal_axes, tilted_gravity
 from smsid.model import build_model
 from smsid.recording import Recording
 

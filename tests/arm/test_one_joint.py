@@ -11,8 +11,7 @@ from smsid.arm import identify_arm, with_joint_effects
 from smsid.cli.app import app
 from smsid.description import Description, load_description
 from smsid.diagnose import diagnose
-from smsid.effects.rotor import turns
-from smsid.effects.spatial import Motion
+from smsid.effects.spatial import Motion, turns
 from smsid.errors import RecordingError
 from smsid.model import build_model
 from smsid.model.column_order import order_columns

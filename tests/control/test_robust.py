@@ -9,9 +9,8 @@ from control_cases import paper, rigid_paper
 
 from smsid.control.closed_loop import Actuators
 from smsid.control.gains import gains
-from smsid.control.guarded import guarded_term
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics
+from smsid.control.reduced import ReducedDynamics, perturbed
 from smsid.control.robust import (
     closed_loop_matrix,
     flexible_plant,
@@ -19,11 +18,10 @@ from smsid.control.robust import (
     named_poles,
     refuse_unstable,
 )
-from smsid.control.robust_term import design_robust_term
+from smsid.control.robust_term import design_robust_term, guarded_term
 from smsid.control.sensed import measured_truth
 from smsid.control.statespace import StateSpace
 from smsid.control.trajectory import Reference, minimum_jerk
-from smsid.control.uncertainty import perturbed
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError
 

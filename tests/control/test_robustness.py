@@ -181,22 +181,22 @@ def test_tuned_gains_keep_clear_of_every_band_and_follow_the_noise():
     plant, h, _ = case()
     modes = natural_modes(plant, np.random.default_rng(0))
     flexible = flexible_plant(paper(), HOME)
-    found = tuned_gains(plant, flexible, h, demands(), modes)
+    found = tuned_gains(flexible, h, demands(), modes)
     for w in (found.attitude, found.joints):
         assert not any(m.band[0] <= w <= m.band[1] for m in modes)
     np.testing.assert_allclose(np.diag(found.gains.proportional)[:3], found.attitude**2)
     np.testing.assert_allclose(np.diag(found.gains.derivative)[3:], 2.0 * found.joints)
     assert not any(p.flag for p in found.poles)
-    louder = tuned_gains(plant, flexible, h, demands(angle_noise=np.full(6, 1e-2)), modes)
+    louder = tuned_gains(flexible, h, demands(angle_noise=np.full(6, 1e-2)), modes)
     assert louder.attitude < found.attitude and louder.joints < found.joints
-    slow = tuned_gains(plant, flexible, h, demands(rate=10.0), modes)
+    slow = tuned_gains(flexible, h, demands(rate=10.0), modes)
     assert max(slow.attitude, slow.joints) <= 2.0
-    late = tuned_gains(plant, flexible, h, demands(fastest=3.0), modes)
+    late = tuned_gains(flexible, h, demands(fastest=3.0), modes)
     assert late.joints <= 3.0 < found.joints
-    weak = tuned_gains(plant, flexible, h, demands(strength=np.full(6, 2e-4)), modes)
+    weak = tuned_gains(flexible, h, demands(strength=np.full(6, 2e-4)), modes)
     assert weak.attitude < found.attitude
     with pytest.raises(ControlError, match="No gains keep clear"):
-        tuned_gains(plant, flexible, h, demands(strength=np.full(6, 1e-9)), modes)
+        tuned_gains(flexible, h, demands(strength=np.full(6, 1e-9)), modes)
 
 
 def test_noise_of_the_loop_is_as_predicted():

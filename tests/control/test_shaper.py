@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.control.shaper import shaper
+from smsid.control.trajectory import shaper
 
 F, ZETA = 0.065, 0.02
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from control_cases import paper
 
-from smsid.control.shaper import shaper
 from smsid.control.trajectory import (
     Reference,
     Shaped,
@@ -14,6 +13,7 @@ from smsid.control.trajectory import (
     design_motion,
     minimum_jerk,
     sampled_motion,
+    shaper,
     trapezoid,
 )
 from smsid.description import load_description

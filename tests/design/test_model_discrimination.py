@@ -81,7 +81,7 @@ def test_limit_is_that_of_least_squares(known, recording, candidates):
     size = np.linalg.norm(whole, axis=0)
     r = np.linalg.qr(whole / size, mode="r")
     covariance = np.linalg.inv(r.T @ r) / np.outer(size, size)
-    judgement = discriminate(known, recording, first, second, None, separate.SLOW)
+    judgement = discriminate(known, recording, first, second, separate.SLOW)
     sigma = np.sqrt(np.diag(covariance))[:2]
     ratio = np.array([judgement.limits[0][0], judgement.limits[1][0]]) / sigma
     assert ratio[0] == pytest.approx(ratio[1], rel=1e-4)
@@ -97,7 +97,7 @@ def test_what_an_experiment_does_not_show_is_told(known, recording, candidates, 
     thrust = kind.flown(kind.random(np.random.default_rng(0)))[1]
     first, second = resolve_candidates("viscous at joint2,coulomb at joint2", candidates)
     with pytest.raises(ExperimentError, match=r"cannot be seen|is not told from|is not excited"):
-        discriminate(known, thrust, first, second, None, separate.SLOW)
+        discriminate(known, thrust, first, second, separate.SLOW)
 
 
 def test_a_search_gains(description, monkeypatch):

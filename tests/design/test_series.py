@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smsid.design.limits import Limits
-from smsid.design.series import SeriesSpace
+from smsid.design.moving import SeriesSpace
 from smsid.inputs.signals import sample
 
 TIMES = np.linspace(0.0, 40.0, 4001)

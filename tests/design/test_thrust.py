@@ -8,9 +8,8 @@ import pytest
 from smsid.design.forecast import Forecast
 from smsid.design.goal import goal_of
 from smsid.design.limits import Limits
-from smsid.design.pulses import Feasible, best_pulses, random_start
 from smsid.design.thrust import thrust_space
-from smsid.design.thrusting import intervals_of, thrust_steps
+from smsid.design.thrusting import Feasible, best_pulses, intervals_of, random_start, thrust_steps
 from smsid.experiments.fly import limit_use
 from smsid.likelihood import fisher_information
 from smsid.simulate import simulate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from smsid.effects.beam import Cantilever, clamped_free_roots
+from smsid.effects.mode import Cantilever, clamped_free_roots
 
 # Blevins, Formulas for Natural Frequency and Mode Shape (1979), table 8-1, clamped-free
 ROOTS = (1.87510407, 4.69409113, 7.85475744, 10.99554073, 14.13716839)

@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from smsid.description import Description, load_description
 from smsid.effects import BeamAppendage, BodyError, GeometricStiffness, ModalAppendage
-from smsid.effects.beam import Cantilever
+from smsid.effects.mode import Cantilever
 from smsid.errors import DescriptionError
 from smsid.experiments import thrust_experiment
 from smsid.model import SpacecraftModel, build_model, rebuild

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from smsid.description import load_description
 from smsid.effects import BodyError, GearCompliance
-from smsid.effects.rotor import Rotor
+from smsid.effects.spatial import Rotor
 from smsid.errors import DescriptionError
 from smsid.model import build_model
 from smsid.sensing import Sensor

@@ -58,7 +58,7 @@ def test_biases_add_up_whenever_they_begin(paper: Description) -> None:
 
     times, still = np.arange(10.0), np.zeros((10, 3))
     three = [bias("a", 1.0, None), bias("b", 0.5, None), bias("c", 0.25, 5.0)]
-    found = sensor(paper, "imu", *three).systematic("acceleration", times, still)
+    found = sensor(paper, "imu", *three).measure("acceleration", times, still, None)
     np.testing.assert_allclose(found[:, 1], np.where(times < 5.0, 3.0, 3.5))
     with pytest.raises(DescriptionError, match="another bias, that begins at another time"):
         sensor(paper, "imu", *three, bias("d", 0.1, 7.0))
@@ -80,7 +80,7 @@ def test_components_by_name_or_number(paper: Description, component, quantity, n
         SensorScale(name="s", sensor=name, quantity=quantity, component=component, error=0.1),
         Stuck(name="t", sensor=name, quantity=quantity, component=component, start=2.0),
     )
-    found = sensor(paper, name, *effects).systematic(quantity, times, still * times[:, None])
+    found = sensor(paper, name, *effects).measure(quantity, times, still * times[:, None], None)
     expected = still * times[:, None]
     expected[:, column] = 1.1 * np.array([0, 1, 1, 1, 1]) + 0.5
     np.testing.assert_allclose(found, expected)
@@ -103,8 +103,8 @@ def test_joint_names_of_an_arm_that_lists_none_are_read_from_its_urdf(urdf: Path
 
 def test_one_accelerometer_of_the_panel(paper: Description) -> None:
     stuck = Stuck(name="s", sensor="panel", quantity="acceleration", station=1, start=2.0)
-    found = sensor(paper, "panel", stuck).systematic(
-        "acceleration", np.arange(4.0), np.ones((4, 3, 3)) * np.arange(4.0)[:, None, None]
+    found = sensor(paper, "panel", stuck).measure(
+        "acceleration", np.arange(4.0), np.ones((4, 3, 3)) * np.arange(4.0)[:, None, None], None
     )
     np.testing.assert_array_equal(found[:, 1], np.array([0, 1, 1, 1])[:, None] * np.ones(3))
     np.testing.assert_array_equal(found[:, [0, 2]], np.arange(4.0)[:, None, None] * np.ones((2, 3)))
@@ -117,7 +117,7 @@ def test_misalignments_compose(paper: Description) -> None:
         for k, a in enumerate(turns)
     ]
     x = np.random.default_rng(0).normal(size=(5, 3))
-    found = sensor(paper, "imu", *effects).systematic("acceleration", np.arange(5.0), x)
+    found = sensor(paper, "imu", *effects).measure("acceleration", np.arange(5.0), x, None)
     both = Rotation.from_rotvec(turns[0]) * Rotation.from_rotvec(turns[1])
     np.testing.assert_allclose(found, both.inv().apply(x), atol=1e-12)
 

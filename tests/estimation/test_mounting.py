@@ -43,12 +43,12 @@ def test_a_reading_is_that_of_the_sensor(turned, recording, quantity):
     rng, times = np.random.default_rng(1), np.arange(3.0)
     if quantity == "attitude":
         truth = pin.Quaternion(pin.exp3(np.array([0.3, 0.2, -0.5])))
-        read = sensor.systematic(quantity, times, np.tile(truth.coeffs(), (3, 1)))[0]
+        read = sensor.measure(quantity, times, np.tile(truth.coeffs(), (3, 1)), None)[0]
         turn = truth.matrix().T @ pin.Quaternion(read[[3, 0, 1, 2]][0], *read[:3]).matrix()
         np.testing.assert_allclose(block.bias, pin.log3(turn), atol=1e-9)
         return
     truth = rng.standard_normal((3, 3))
-    expected = sensor.systematic(quantity, times, truth)
+    expected = sensor.measure(quantity, times, truth, None)
     np.testing.assert_allclose(truth @ block.gain.T + block.bias, expected, atol=1e-12)
 
 

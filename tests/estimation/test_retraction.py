@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.effects.extra_mode import ExtraMode
-from smsid.effects.mass_loss import MassLoss
+from smsid.effects.appendage_effect import ExtraMode
+from smsid.effects.payload import MassLoss
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.retraction import retract
 

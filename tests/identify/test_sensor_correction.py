@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from likelihood import twin
 
-from smsid.effects.sensor_errors import LeverArm, SensorBias, SensorMisalignment, SensorScale, TimeOffset
-from smsid.effects.sensor_faults import Stuck
+from smsid.effects.sensor_errors import (
+    LeverArm,
+    SensorBias,
+    SensorMisalignment,
+    SensorScale,
+    Stuck,
+    TimeOffset,
+)
 from smsid.identify.clocks import event_times
 from smsid.identify.sensor_correction import correct_readings
 from smsid.identify.sensor_roles import Roles

@@ -10,11 +10,10 @@ from smsid.control.closed_loop import Actuators, track, track_many
 from smsid.control.compiled_flight import CompiledFlight
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics
+from smsid.control.reduced import ReducedDynamics, perturbed
 from smsid.control.robust_term import design_robust_term
 from smsid.control.sensed import SensedState
 from smsid.control.trajectory import Reference, minimum_jerk
-from smsid.control.uncertainty import perturbed
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError, SimulationError
 

@@ -9,7 +9,7 @@ import pytest
 from smsid.description.urdf_check import read_urdf
 from smsid.description.urdf_reading import parse_urdf
 from smsid.errors import DescriptionError
-from smsid.model.built_check import check_built
+from smsid.model.load import check_built
 
 URDF = """<robot name="r">
 <link name="bus"><inertial><mass value="10"/>

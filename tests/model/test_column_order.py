@@ -168,8 +168,8 @@ def consumers():
     from smsid.likelihood.nuisance_parameters import Nuisance
     from smsid.likelihood.recording_term import piece_of
     from smsid.report.stabilisation import diagrams
+    from smsid.view.main import simulated_twin
     from smsid.view.recorded import recorded_motion
-    from smsid.view.twin import simulated_twin
 
     def motion(r: Recording):
         m = prepare(paper(), r)

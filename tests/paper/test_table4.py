@@ -9,14 +9,13 @@ from typer.testing import CliRunner
 
 from smsid.cli.control import control_command
 from smsid.control.controller_file import load_controller
-from smsid.control.reduced import ReducedDynamics
-from smsid.control.uncertainty import perturbed
+from smsid.control.reduced import ReducedDynamics, perturbed
 from smsid.description import load_description
 from smsid.errors import ControlError
 from smsid.model import SpacecraftModel, build_model
 from smsid.paper import table4_study
 from smsid.paper.table4 import Run, Study, Variant, cases
-from smsid.paper.table4_summary import improvements, orderings, summarise
+from smsid.paper.table4_study import improvements, orderings, summarise
 from smsid.paths import urdf_folder
 
 URDF = urdf_folder()

@@ -143,7 +143,7 @@ def test_the_systematic_part_of_an_oriented_sensor_acts_along_its_axes() -> None
     common = {"name": "imu", "kind": "imu", "rate": 50.0, "orientation": (0.3, -0.5, 1.1)}
     sensor = Sensor.model_validate({**common, "errors": {"acceleration": FIXED}})
     measured = sensor.measure("acceleration", TIMES, wave(), rng())
-    np.testing.assert_array_equal(sensor.systematic("acceleration", TIMES, wave()), measured)
+    np.testing.assert_array_equal(sensor.measure("acceleration", TIMES, wave(), None), measured)
     pose = Sensor.model_validate(
         {
             **common,
@@ -154,5 +154,5 @@ def test_the_systematic_part_of_an_oriented_sensor_acts_along_its_axes() -> None
     )
     turn = Rotation.from_rotvec(wave()).as_quat()
     np.testing.assert_allclose(
-        pose.systematic("attitude", TIMES, turn), pose.measure("attitude", TIMES, turn, rng()), atol=1e-15
+        pose.measure("attitude", TIMES, turn, None), pose.measure("attitude", TIMES, turn, rng()), atol=1e-15
     )

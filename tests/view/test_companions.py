@@ -9,12 +9,15 @@ import pytest
 
 from smsid.cli.view import file_names
 from smsid.description import load_description
+from smsid.description.schema import Thruster
 from smsid.errors import RecordingError, SmsidError
+from smsid.model.build import build_model
 from smsid.recording import Recording
 from smsid.simulate import truth_of
 from smsid.view import played, replay, simulated_twin
-from smsid.view.camera import VIEW_FROM
-from smsid.view.readouts import readouts
+from smsid.view.export import readouts
+from smsid.view.look import VIEW_FROM
+from smsid.view.scene import world_poses
 
 from .conftest import URDF
 
@@ -44,8 +47,6 @@ def test_commands_are_held_where_nothing_else_is_said(model, trajectory, recordi
 
 
 def test_twin_of_another_spacecraft_goes_elsewhere(description, recording):
-    from smsid.model.build import build_model
-
     slosh = description.get_effect("tank")
     heavier = slosh.model_copy(update={"mass": 3.0 * slosh.mass})
     others = [heavier if e.name == "tank" else e for e in description.effect]
@@ -63,6 +64,18 @@ def test_joints_without_torque_follow_their_angles(model, recording):
     index = np.searchsorted(recording.time("encoder.joint_position"), times - 1e-9)
     angles = recording["encoder.joint_position"][index]
     np.testing.assert_allclose(model.joint_angles(twin.states(times).q), angles, atol=1e-6)
+
+
+def test_single_thrusters_push_the_twin(description):
+    """Half of 4 N along x for 2 s is an impulse of 4 N s; off the centre of mass it turns a little."""
+    jet = Thruster(name="jet", position=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0), force=4.0)
+    craft = build_model(description.model_copy(update={"thruster": (jet,), "effect": ()}).with_sensors())
+    times = np.linspace(0.0, 2.0, 21)
+    still = {"pose.position": np.zeros((21, 3)), "pose.attitude": np.tile([0.0, 0.0, 0.0, 1.0], (21, 1))}
+    flight = Recording.from_arrays(times, {**still, "command.thruster": np.full((21, 1), 0.5)})
+    found = simulated_twin(craft, flight).states(np.array([2.0]))
+    momentum = craft.momentum(found.q[0], found.v[0])
+    np.testing.assert_allclose(momentum[:3], [4.0, 0.0, 0.0], atol=1e-3)
 
 
 def test_twin_needs_to_know_what_drove_the_motion(model, recording):
@@ -86,7 +99,7 @@ def test_a_ghost_lies_over_the_first_and_leaves_out_what_confuses(model, traject
     shown = replay(model, trajectory, beside=[("same", trajectory)], fps=5.0)
     first, ghost = shown.scene, shown.companions[0].scene
     assert ghost.root == "spacecraft_1" and set(ghost.layers) == {"tool trail"}
-    own, other = first.world_poses(shown.frames), ghost.world_poses(shown.companions[0].frames)
+    own, other = world_poses(first.parts, shown.frames), world_poses(ghost.parts, shown.companions[0].frames)
     for path, poses in other.items():
         np.testing.assert_allclose(poses, own[path.replace("spacecraft_1", "spacecraft", 1)], atol=1e-12)
     solid = [p for p in ghost.parts if p.shape is not None and not p.layer]

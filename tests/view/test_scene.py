@@ -10,7 +10,7 @@ from smsid.effects.appendage import ModalAppendage, Mode
 from smsid.errors import SmsidError
 from smsid.model.build import build_model
 from smsid.view import Look, build_scene
-from smsid.view.camera import ASPECT, FIELD_OF_VIEW, fitted_camera
+from smsid.view.look import ASPECT, FIELD_OF_VIEW, fitted_camera
 from smsid.view.shapes import Mesh
 from smsid.view.surface import inertia_box, surface_of
 from smsid.view.visuals import visuals_of

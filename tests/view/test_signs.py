@@ -7,10 +7,9 @@ import pinocchio as pin
 import pytest
 
 from smsid.view import Look, build_scene
-from smsid.view.arrows import _bent_arrow, joint_axis
+from smsid.view.arrows import INDICES, _bent_arrow, joint_axis, tool_frame, tool_positions, tube_along
 from smsid.view.drivers import Frames
 from smsid.view.motion import motion_of
-from smsid.view.trail import INDICES, tool_frame, tool_positions, tube_along
 
 
 @pytest.fixture(scope="module")
