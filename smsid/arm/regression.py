@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.stats import norm, t
 
 from smsid.errors import NotIdentifiableError
@@ -85,15 +86,18 @@ def solve_joints(
     for _ in range(ROUNDS):
         weighted = known * np.sqrt(max(lags, 1))
         stacked = np.vstack([*(r / s for r, s in zip(triangles, noise, strict=True)), weighted])
-        column = np.linalg.norm(stacked[:, :-1], axis=0)
-        y, _, rank, singular = np.linalg.lstsq(stacked[:, :-1] / column, stacked[:, -1], rcond=1e-10)
+        triangle = np.linalg.qr(stacked, mode="r")
+        column = np.linalg.norm(triangle[:, :-1], axis=0)
+        square = triangle[:n, :n] / column
+        singular = np.linalg.svd(square, compute_uv=False)
+        rank = np.count_nonzero(singular > 1e-10 * singular[0])
         if rank < n:
             raise NotIdentifiableError(
                 f"Only {rank} of {n} combinations are excited.",
                 advice="Move the joints through more configurations, rates and accelerations.",
                 rank=int(rank),
             )
-        x = y / column / scale
+        x = solve_triangular(square, triangle[:n, n]) / column / scale
         for j in idle:
             rows[:, j], torque[:, j] = _without_scale(given[:, j], x)
             triangles[j] = _triangle(rows[:, j] / scale, torque[:, j])
@@ -106,7 +110,7 @@ def solve_joints(
     white = residual / noise
     lags = correlation_lags(white)
     if rough:
-        root = np.linalg.inv(np.linalg.qr(stacked[:, :-1], mode="r"))
+        root = np.linalg.inv(triangle[:n, :n])
         covariance = max(lags, 1) * root @ root.T
     else:
         stretches = int(np.clip(samples // (PER_STRETCH * max(lags, 1)), *STRETCHES))

@@ -7,12 +7,11 @@ rate is a second measurement of the same spline. Cutoff and noise are estimates,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import polynomial
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -35,8 +34,11 @@ COARSEST = 5.0
 LOG_RATIO = (-24.0, 40.0)
 """Bounds of the natural logarithm of the smoothing parameter, in knot spacings."""
 
-SETTLED = 0.1
-"""Distance of points between which the likelihood's logarithm is a parabola."""
+AVERAGED = 16
+"""Neighbours in the spectrum that are averaged for a first look at where the noise begins."""
+
+COARSE, FINE = 1.5, 0.4
+"""Distances of points through which the likelihood's logarithm is taken for a parabola."""
 
 SWEEPS = 3
 """Rounds of finding the noise of measured rates."""
@@ -106,6 +108,7 @@ def smooth_joint(pieces: Sequence[Samples]) -> SmoothJoint:
         if len(fits) > 1 and fits[-1].criterion > fits[-2].criterion:
             break
     best = min(fits, key=lambda f: f.criterion)
+    best = replace(best, log_ratio=_vertex(best.bases, best.weight, best.log_ratio, FINE))
     splines = tuple(b.spline(best.log_ratio) for b in best.bases)
     return SmoothJoint(splines, best.cutoff, best.noise, best.rate_noise, best.sigma)
 
@@ -184,7 +187,7 @@ def _fitted(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _Fit:
     step = float(np.median(np.concatenate([np.diff(p.time) for p in pieces])))
     shortest = min(float(p.time[-1] - p.time[0]) for p in pieces)
     rates = any(p.rate.size for p in pieces)
-    guess, merged, near = 0.0, 1, None
+    guess, merged, near = min(_first_cutoff(p, step) for p in pieces), 1, None
     if before:  # likelihoods are of the same samples
         guess, merged = before.cutoff, before.merged
     most = 1.0 / (step * merged)
@@ -206,6 +209,16 @@ def _fitted(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _Fit:
         more = min(max(2.0 * knots, KNOTS_PER_PERIOD * min(found.cutoff, 4.0 * knots)), most)
         near += (2 * order - 1) * np.log(more / knots)
         knots = more
+
+
+def _first_cutoff(piece: Samples, step: float) -> float:
+    """Return about where the spectrum of samples comes down to their noise [Hz]: where to begin."""
+    n = piece.value.size
+    window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 4
+    power = np.abs(np.fft.rfft((piece.value - piece.value.mean()) * window)) ** 2
+    power = np.add.reduceat(power, np.arange(0, power.size, AVERAGED)) / AVERAGED
+    first = int(np.argmax(power < 4.0 * np.median(power[power.size // 2 :])))
+    return AVERAGED * first / (n * step)
 
 
 class _Basis:
@@ -238,7 +251,7 @@ class _Basis:
         powers = np.arange(len(white))
         self.roughness = np.linalg.cholesky(scale / (1.0 + powers[:, None] + powers)).T @ white
         own = self.roughness.T @ self.roughness
-        self.penalty = _bands(np.broadcast_to(own, (count, *own.shape)))
+        self.penalty = _bands(np.broadcast_to(own[:, :, None], (*own.shape, count)))
 
     def weigh(self, weight: float) -> None:
         """Fix the weight of measured rates, and take a rough fit to measure all others from.
@@ -267,15 +280,19 @@ class _Basis:
             square += self.weight * float(behind @ behind)
         return slope, square
 
-    def solve(self, log_ratio: float) -> tuple[np.ndarray, float, float]:
-        """Return coefficients, the penalised sum of squares, and the log-determinant of what is left free."""
+    def solve(self, log_ratio: float, *, refined: bool = True) -> tuple[np.ndarray, float, float]:
+        """Return coefficients, the penalised sum of squares, and the log-determinant of what is left free.
+
+        The sum is least at the coefficients: it needs none that are ``refined``.
+        """
         ratio = float(np.exp(log_ratio))
         bands = self.normal + ratio * self.penalty
         bands[0] += 1e-13 * bands[0].max()
         root = cholesky_banded(bands, lower=True, check_finite=False)
         wanted = self.slope - ratio * self.bent
         more = cho_solve_banded((root, True), wanted, check_finite=False)
-        more = more + cho_solve_banded((root, True), wanted - _times(bands, more), check_finite=False)
+        if refined:
+            more = more + cho_solve_banded((root, True), wanted - _times(bands, more), check_finite=False)
         found = self.rough + more
         square = self.rest - 2.0 * float(self.slope @ more) + float(more @ _times(self.normal, more))
         square = max(square, 0.0) + ratio * float(np.sum((_local(found, self.roughness)) ** 2))
@@ -305,23 +322,27 @@ class _Rows:
 
     def __matmul__(self, coefficients: np.ndarray) -> np.ndarray:
         """Values (n,) of the spline with coefficients (size,)."""
-        local = _local(coefficients, self.polynomials)
-        out = local[self.index, -1]
-        for k in range(local.shape[1] - 2, -1, -1):
-            out = out * self.phase + local[self.index, k]
+        *others, out = (part[self.index] for part in _local(coefficients, self.polynomials))
+        for part in reversed(others):
+            out *= self.phase
+            out += part
         return out
 
     def moments(self, values: np.ndarray | None, powers: int) -> np.ndarray:
-        """Sums (count, powers) over each interval's samples of values (n,) times powers of the phase."""
-        out, weight = np.empty((self.count, powers)), values
+        """Sums (powers, count) over each interval's samples of values (n,) times powers of the phase."""
+        out, weight = np.empty((powers, self.count)), values
         for k in range(powers):
-            out[:, k] = np.bincount(self.index, weight, self.count)
+            out[k] = np.bincount(self.index, weight, self.count)
             weight = self.phase if weight is None else weight * self.phase
         return out
 
     def transposed(self, values: np.ndarray) -> np.ndarray:
         """Sums (size,) over the samples of values (n,) times each spline."""
-        return _scattered(self.moments(values, len(self.polynomials)) @ self.polynomials)
+        local = self.polynomials.T @ self.moments(values, len(self.polynomials))
+        out = np.zeros(self.count + len(local) - 1)
+        for k, part in enumerate(local):
+            out[k : k + self.count] += part
+        return out
 
     def normal(self) -> np.ndarray:
         """Lower bands of the normal equations."""
@@ -329,8 +350,8 @@ class _Rows:
         products = np.zeros((2 * powers - 1, width, width))
         for k, row in enumerate(self.polynomials):
             products[k : k + powers] += row[:, None] * self.polynomials[:, None, :]
-        moments = self.moments(None, 2 * powers - 1)
-        return _bands((moments @ products.reshape(-1, width * width)).reshape(-1, width, width))
+        local = products.reshape(-1, width * width).T @ self.moments(None, 2 * powers - 1)
+        return _bands(local.reshape(width, width, -1))
 
 
 @cache
@@ -349,28 +370,19 @@ def _cardinal(degree: int) -> np.ndarray:
 
 
 def _local(coefficients: np.ndarray, polynomials: np.ndarray) -> np.ndarray:
-    """Coefficients (intervals, powers) of a spline's polynomial between each two knots."""
-    return sliding_window_view(coefficients, polynomials.shape[1]) @ polynomials.T
-
-
-def _scattered(local: np.ndarray) -> np.ndarray:
-    """Sums (size,) of what each interval says of the splines on it, (intervals, splines)."""
-    count, width = local.shape
-    out = np.zeros(count + width - 1)
-    for k in range(width):
-        out[k : k + count] += local[:, k]
-    return out
+    """Coefficients (powers, intervals) of a spline's polynomial between each two knots."""
+    return np.array([np.correlate(coefficients, row, "valid") for row in polynomials])
 
 
 def _bands(local: np.ndarray) -> np.ndarray:
     """Lower bands (splines, size), as LAPACK keeps them, of sums of what each interval says of the products
-    of the splines on it, (intervals, splines, splines).
+    of the splines on it, (splines, splines, intervals).
     """
-    count, width, _ = local.shape
+    width, _, count = local.shape
     out = np.zeros((width, count + width - 1), order="F")
     for k in range(width):
         for other in range(k, width):
-            out[other - k, k : k + count] += local[:, k, other]
+            out[other - k, k : k + count] += local[k, other]
     return out
 
 
@@ -385,7 +397,7 @@ def _objective(bases: Sequence[_Basis], log_ratio: float, weight: float) -> floa
     count = -bases[0].order * len(bases)
     rates = 0
     for b in bases:
-        _, own, determinant = b.solve(log_ratio)
+        _, own, determinant = b.solve(log_ratio, refined=False)
         left, free = left + own, free + determinant
         count += b.samples + b.rate_samples
         rates += b.rate_samples
@@ -398,21 +410,17 @@ def _likeliest(bases: Sequence[_Basis], weight: float, near: float | None) -> fl
     for b in bases:
         b.weigh(weight)
 
+    if near is not None:
+        return _vertex(bases, weight, near, COARSE)
+    return float(min(np.linspace(*LOG_RATIO, 15), key=lambda x: _objective(bases, x, weight)))
+
+
+def _vertex(bases: Sequence[_Basis], weight: float, near: float, width: float) -> float:
+    """Return where a parabola through three points is least, ``width`` apart and about the least of them."""
+
     def value(x: float) -> float:
         return _objective(bases, x, weight)
 
-    width = 1.5
-    if near is None:
-        grid = np.linspace(*LOG_RATIO, 15)
-        near, width = float(min(grid, key=value)), float(grid[1] - grid[0])
-    while width > SETTLED:
-        near = _vertex(value, near, width)
-        width /= 4.0
-    return near
-
-
-def _vertex(value: Callable[[float], float], near: float, width: float) -> float:
-    """Return where a parabola through three points is least, ``width`` apart and about the least of them."""
     low, high = LOG_RATIO
     x = np.clip(near, low + width, high - width) + width * np.array([-1.0, 0.0, 1.0])
     f = np.array([value(p) for p in x])

@@ -93,7 +93,7 @@ def solve_equations(
         torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
         rows = torques.rows[:, :, base.independent]
         if not k:  # sizes of friction, for the slopes
-            x = solve_joints(rows, torques.torque).x
+            x = solve_joints(rows, torques.torque, rough=True).x
             sizes = {n: float(x[i]) for n, i in places.items()}
         columns = [rows, level.columns(base, x, tilt) if level else np.zeros((*torques.torque.shape, 0))]
         columns.append(delay_column(motion, torques.starts, rows @ x)[:, :, None])

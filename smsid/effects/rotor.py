@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.spatial import Motion, joint_jacobian
+from smsid.effects.spatial import Motion
 from smsid.errors import DescriptionError
+
+
+SLIDING = ("JointModelP", "JointModelH")
+"""How Pinocchio's joints of one coordinate are called that slide, or screw."""
 
 
 def turns(model: pin.Model, joint: int) -> bool:
     """Whether a joint of one coordinate turns, and does not slide."""
-    jacobian = joint_jacobian(model, model.createData(), pin.neutral(model), joint)
-    return not np.abs(jacobian[:3, model.joints[joint].idx_v]).any()
+    return not model.joints[joint].shortname().startswith(SLIDING)
 
 
 class Rotor:
