@@ -193,7 +193,7 @@ def _fitted(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _Fit:
     most = 1.0 / (step * merged)
     knots = min(max(COARSEST, 4.0 / shortest, KNOTS_PER_PERIOD * guess), most)
     weight = before.weight if before else step**2 if rates else 0.0
-    if before:
+    if guess > 0.0:
         near = (2 * order - 1) * np.log(knots) - 2 * order * np.log(2.0 * np.pi * guess)
     while True:
         if not before and not rates:
@@ -409,7 +409,6 @@ def _likeliest(bases: Sequence[_Basis], weight: float, near: float | None) -> fl
     """Return the logarithm of the ratio of greatest likelihood, from one that is ``near``, or from a grid."""
     for b in bases:
         b.weigh(weight)
-
     if near is not None:
         return _vertex(bases, weight, near, COARSE)
     return float(min(np.linspace(*LOG_RATIO, 15), key=lambda x: _objective(bases, x, weight)))
