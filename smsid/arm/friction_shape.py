@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.arm.columns import effect_columns
+from smsid.arm.columns import JointStates, effect_columns
 from smsid.arm.joint_torques import (
     SIGN_FIELD,
     JointTorques,
@@ -103,10 +103,11 @@ def shaped_columns(
     model: SpacecraftModel,
     motion: SmoothMotion,
     torques: JointTorques,
-    load: np.ndarray,
+    states: JointStates,
 ) -> dict[str, np.ndarray]:
-    """Return the mean columns (B, joints of the effect) of an effect over blocks, by parameter."""
-    states = joint_states(motion, torques.starts, load)
+    """Return the mean columns (B, joints of the effect) of an effect over blocks, by parameter; ``states``
+    are `joint_states` of the motion.
+    """
     own = [k for k, _ in acts_on(effect, model)]
     found = effect_columns(with_shapes(effect, shapes, model, motion), model, states)
     used = 1.0 if torques.used is None else torques.used[:, own]
@@ -126,20 +127,20 @@ def with_shape_columns(
     `shaped_columns`; ``load`` is (B, nv) [N m | N].
     """
     values = shape_values(shapes)
-    rows = np.array(torques.rows)
+    rows, states = np.array(torques.rows), joint_states(motion, torques.starts, load)
     slopes: dict[tuple[str, str], dict[str, np.ndarray]] = {}
     for effect in model.description.effect:
         own = values.get(effect.name)
         if own is None:
             continue
         index = [k for k, _ in acts_on(effect, model)]
-        for name, column in shaped_columns(effect, own, model, motion, torques, load).items():
+        for name, column in shaped_columns(effect, own, model, motion, torques, states).items():
             rows[:, index, torques.names.index(name)] = column
         for s in shapes:
             if s.effect == effect.name and s.status == "found":
                 above, below = (
                     shaped_columns(
-                        effect, {**own, s.field: s.value * np.exp(d)}, model, motion, torques, load
+                        effect, {**own, s.field: s.value * np.exp(d)}, model, motion, torques, states
                     )
                     for d in (DIFFERENCE, -DIFFERENCE)
                 )
@@ -200,7 +201,7 @@ class _Search:
         load: np.ndarray,
     ) -> None:
         self.effect, self.model, self.motion = effect, model, motion
-        self.torques, self.load = torques, load
+        self.torques, self.states = torques, joint_states(motion, torques.starts, load)
 
     def found(self, free: Sequence[str]) -> dict[str, float] | None:
         bounds = {f: shape_bounds(self.effect, f, self.model, self.motion) for f in free}
@@ -235,7 +236,7 @@ class _Search:
 
     def _columns(self, logs: Mapping[str, float]) -> dict[str, np.ndarray]:
         shapes = {f: float(np.exp(x)) for f, x in logs.items()}
-        return shaped_columns(self.effect, shapes, self.model, self.motion, self.torques, self.load)
+        return shaped_columns(self.effect, shapes, self.model, self.motion, self.torques, self.states)
 
 
 class _Equation:

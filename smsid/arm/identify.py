@@ -255,7 +255,7 @@ def structural_base(
     """
     rng = np.random.default_rng(0)
     angles = rng.uniform(-np.pi, np.pi, (samples, len(model.arm_joints)))
-    q = np.array([model.set_joint_angles(model.home, x) for x in angles])
+    q = model.set_joint_angles(model.home, angles)
     v, a, load, warmth = rng.normal(size=(4, samples, model.nv))
     rows, names, units = torque_rows(model, JointStates(q, v, a, load, 20.0 + 5.0 * warmth))
     if kept is not None:

@@ -26,7 +26,7 @@ FOLLOWED = 0.5
 """Share of the frequency a joint's motion is followed to, up to which joints without motors are compared:
 what is wrong with their equations is all in the motion, whose joints are not followed equally far."""
 
-CHUNK = 4000
+CHUNK = 400  # of rows that stay in a processor's cache
 SIGN_FIELD = "smoothing"
 
 Shapes = Mapping[str, Mapping[str, float]]

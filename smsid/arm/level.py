@@ -50,7 +50,7 @@ class Level:
             DescriptionError: there is no gravity.
         """
         angles = block_means(model.joint_angles(motion.q), torques.starts)
-        q = np.array([model.set_joint_angles(model.home, x) for x in angles])
+        q = model.set_joint_angles(model.home, angles)
         still = np.zeros((len(q), model.nv))
         unit = [Regressor(with_gravity(model, e)).torque(q, still, still) for e in np.eye(3)]
         nominal = np.asarray(model.description.gravity)

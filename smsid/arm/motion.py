@@ -106,7 +106,7 @@ def joint_motion(
     seen = np.clip(at + late, times[0], times[-1])
     return JointMotion(
         at,
-        np.array([model.set_joint_angles(model.home, x) for x in spline(seen)]),
+        model.set_joint_angles(model.home, spline(seen)),
         spline.derivative(1)(seen),
         spline.derivative(2)(seen),
         both[kept, count:],

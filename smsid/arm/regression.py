@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.stats import norm, t
 
 from smsid.errors import NotIdentifiableError
@@ -40,7 +41,11 @@ class JointRegression:
 
 
 def solve_joints(
-    rows: np.ndarray, torque: np.ndarray, prior: tuple[np.ndarray, np.ndarray] | None = None
+    rows: np.ndarray,
+    torque: np.ndarray,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
+    *,
+    rough: bool = False,
 ) -> JointRegression:
     """Weighted least squares with one weight per joint, found with it; covariance from stretches of time.
 
@@ -53,6 +58,7 @@ def solve_joints(
         torque: (N, joints) [N m].
         prior: means and standard deviations (n,), infinite where nothing is known; these weigh as much as the
             equations of one correlation length do.
+        rough: take errors for equally large everywhere, in the covariance: for steps on the way.
 
     Raises:
         NotIdentifiableError: fewer equations than unknowns, or columns that depend on each other.
@@ -70,9 +76,7 @@ def solve_joints(
             "A parameter does not enter at all.", advice="Excite its joint.", column=int(scale.argmin())
         )
     # One triangle per joint holds all that its equations say; the rounds only weight the triangles anew.
-    triangles = [
-        np.linalg.qr(np.column_stack([rows[:, j] / scale, torque[:, j]]), mode="r") for j in range(joints)
-    ]
+    triangles = [_triangle(rows[:, j] / scale, torque[:, j]) for j in range(joints)]
     # a joint without a motor has no torque: the others say what one weighs before there is a residual
     size = np.sqrt(np.mean(torque**2, axis=0))
     idle = np.flatnonzero(size == 0.0)
@@ -82,18 +86,21 @@ def solve_joints(
     for _ in range(ROUNDS):
         weighted = known * np.sqrt(max(lags, 1))
         stacked = np.vstack([*(r / s for r, s in zip(triangles, noise, strict=True)), weighted])
-        column = np.linalg.norm(stacked[:, :-1], axis=0)
-        y, _, rank, singular = np.linalg.lstsq(stacked[:, :-1] / column, stacked[:, -1], rcond=1e-10)
+        triangle = np.linalg.qr(stacked, mode="r")
+        column = np.linalg.norm(triangle[:, :-1], axis=0)
+        square = triangle[:n, :n] / column
+        singular = np.linalg.svd(square, compute_uv=False)
+        rank = np.count_nonzero(singular > 1e-10 * singular[0])
         if rank < n:
             raise NotIdentifiableError(
                 f"Only {rank} of {n} combinations are excited.",
                 advice="Move the joints through more configurations, rates and accelerations.",
                 rank=int(rank),
             )
-        x = y / column / scale
+        x = solve_triangular(square, triangle[:n, n]) / column / scale
         for j in idle:
             rows[:, j], torque[:, j] = _without_scale(given[:, j], x)
-            triangles[j] = np.linalg.qr(np.column_stack([rows[:, j] / scale, torque[:, j]]), mode="r")
+            triangles[j] = _triangle(rows[:, j] / scale, torque[:, j])
         residual = torque - rows @ x
         before, noise = noise, np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
         if known.size:
@@ -102,11 +109,23 @@ def solve_joints(
             break
     white = residual / noise
     lags = correlation_lags(white)
-    stretches = int(np.clip(samples // (PER_STRETCH * max(lags, 1)), *STRETCHES))
-    covariance = stretch_covariance(
-        rows / scale / noise[:, None], white, stretches, weighted[:, :-1]
-    ) * np.outer(1.0 / scale, 1.0 / scale)
+    if rough:
+        root = np.linalg.inv(triangle[:n, :n])
+        covariance = max(lags, 1) * root @ root.T
+    else:
+        stretches = int(np.clip(samples // (PER_STRETCH * max(lags, 1)), *STRETCHES))
+        covariance = stretch_covariance(rows / scale / noise[:, None], white, stretches, weighted[:, :-1])
+    covariance *= np.outer(1.0 / scale, 1.0 / scale)
     return JointRegression(x, covariance, noise, lags, float(singular[0] / singular[-1]))
+
+
+def _triangle(rows: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """Return the triangle (k, n + 1) of rows (N, n) and torques (N,); most columns do not act on a joint."""
+    used = np.append(np.any(rows != 0.0, axis=0), True)
+    own = np.linalg.qr(np.column_stack([rows, torque])[:, used], mode="r")
+    out = np.zeros((len(own), used.size))
+    out[:, used] = own
+    return out
 
 
 def stretch_covariance(
@@ -135,8 +154,8 @@ def stretch_covariance(
     count = int(min(stretches, max(samples // 10, 2)))
     starts = np.linspace(0, samples, count, endpoint=False).astype(int)
     scores = np.add.reduceat(basis * residual[:, :, None], starts, axis=0)  # (count, joints, n)
-    parts = [basis[a:b] for a, b in zip(starts, [*starts[1:].tolist(), samples], strict=True)]
-    held = np.array([np.einsum("ijk,ijl->jkl", p, p) for p in parts])  # (count, joints, n, n)
+    parts = np.split(basis.transpose(1, 0, 2), starts[1:], axis=1)
+    held = np.array([p.transpose(0, 2, 1) @ p for p in parts])  # (count, joints, n, n)
     shares = held.sum(axis=0)  # (joints, n, n), sum to I
     moved = np.empty((count, n))
     own = np.empty((count, joints))

@@ -92,7 +92,8 @@ def servo_equations(
         units.append("1")
 
     # samples of the angle have their mean, the held command its integral: second order in the step
-    signal -= motion.step**2 / 24.0 * block_means(motion.a, torques.starts)
+    step = float(np.median(np.diff(motion.readings.position_time)))
+    signal -= step**2 / 24.0 * block_means(motion.a, torques.starts)
     angles = block_means(model.joint_angles(motion.q), torques.starts)
     for place, k in enumerate(model.arm_joints.v.tolist()):
         s = servos[k]

@@ -15,6 +15,12 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
+CELLS = 8.0
+"""Instants per period of the lowest cutoff; torques between them are averaged."""
+
+FEWEST = 2400
+"""Instants that are kept at least, if there are as many samples."""
+
 STILL = 10.0
 """Standard deviations of an encoder's noise that a joint must move by to have moved."""
 
@@ -24,7 +30,8 @@ STILL = 10.0
 class SmoothMotion:
     """Joint motion and torque at N instants, in the model's order of joints.
 
-    ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s | m/s,
+    Where torques are sampled far more often than the motion asks for, an instant has what its neighbours say
+    of its torque, without the curvature that their mean has. ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s | m/s,
     per s], ``torque`` (N, nv) [N m | N], ``stretch`` (N,) number of the stretch without gaps. ``joints``
     say how well the motion is known. ``temperature`` (N, nv) [degC] where it was measured.
     """
@@ -87,33 +94,49 @@ def smooth_motion(model: SpacecraftModel, recording: Recording) -> SmoothMotion:
     )
     _require_motion(model, readings, joints)
     edge = max(j.edge for j in joints)
+    step = float(np.median(np.diff(readings.torque_time)))
+    cell = int(1.0 / (CELLS * min(j.cutoff for j in joints) * step))
+    cell = max(1, min(cell, readings.torque_time.size // FEWEST))
     chosen: list[tuple[np.ndarray, int]] = []
     for number, s in enumerate(pieces):
         start, end = readings.position_time[s][[0, -1]]
         inner = min(edge, 0.1 * (end - start))
         inside = (readings.torque_time >= start + inner) & (readings.torque_time <= end - inner)
-        chosen.append((np.flatnonzero(inside), number))
-    index = np.concatenate([i for i, _ in chosen])
-    stretch = np.concatenate([np.full(i.size, n) for i, n in chosen])
-    if index.size < 50:
+        index = np.flatnonzero(inside)
+        chosen.append((index[: index.size // cell * cell].reshape(-1, cell), number))
+    count = sum(i.size for i, _ in chosen)
+    if count < 50:
         raise RecordingError(
-            f"{index.size} torque samples lie within the motion.", advice="Do both clocks start together?"
+            f"{count} torque samples lie within the motion.", advice="Do both clocks start together?"
         )
+    times = [readings.torque_time[i].mean(axis=1) for i, _ in chosen]
+    numbers = [n for _, n in chosen]
     values = [
-        np.concatenate([_along(joints, n, readings.torque_time[i], d) for i, n in chosen]) for d in range(3)
+        np.concatenate([_along(joints, n, t, d) for t, n in zip(times, numbers, strict=True)])
+        for d in range(3)
     ]
-    q = np.array([model.set_joint_angles(model.home, x) for x in values[0]])
+    time = np.concatenate(times)
     return SmoothMotion(
-        readings.torque_time[index],
-        q,
+        time,
+        model.set_joint_angles(model.home, values[0]),
         values[1],
         values[2],
-        readings.torque[index],
-        stretch,
+        np.concatenate([_at_centres(readings.torque[i]) for i, _ in chosen]),
+        np.repeat(numbers, [t.size for t in times]),
         joints,
         readings,
-        readings.temperature_at(readings.torque_time[index]),
+        readings.temperature_at(time),
     )
+
+
+def _at_centres(samples: np.ndarray) -> np.ndarray:
+    """Return values (N, joints) at the centres of cells of samples (N, cell, joints): their means, less what
+    a parabola through three neighbouring means has its own mean above its centre.
+    """
+    means = samples.mean(axis=1)
+    share = (1.0 - 1.0 / samples.shape[1] ** 2) / 24.0
+    means[1:-1] -= share * np.diff(means, 2, axis=0)
+    return means
 
 
 def joined_motion(motions: Sequence[SmoothMotion]) -> SmoothMotion:

@@ -8,29 +8,37 @@ rate is a second measurement of the same spline. Cutoff and noise are estimates,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
+from numpy.polynomial import polynomial
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.linalg.blas import dsbmv
-from scipy.optimize import minimize_scalar
-from scipy.sparse import csr_matrix, diags_array
 
 from smsid._short_repr import short_repr
 
 ORDERS = (3, 4, 6, 8)
 """Derivatives tried as the white one: jerk and up; a few sines are far smoother than their jerk says."""
 
-KNOTS_PER_PERIOD = 8.0
+KNOTS_PER_PERIOD = 5.0
 """Knots per period of the frequency above which the spline follows no more."""
+
+SAMPLES_PER_KNOT = 3
+"""Samples per knot from which on twice as many are averaged two by two, and so on."""
 
 COARSEST = 5.0
 """Rate of knots to start with [Hz]."""
 
 LOG_RATIO = (-24.0, 40.0)
 """Bounds of the natural logarithm of the smoothing parameter, in knot spacings."""
+
+AVERAGED = 16
+"""Neighbours in the spectrum that are averaged for a first look at where the noise begins."""
+
+COARSE, FINE = 1.5, 0.4
+"""Distances of points through which the likelihood's logarithm is taken for a parabola."""
 
 SWEEPS = 3
 """Rounds of finding the noise of measured rates."""
@@ -53,6 +61,14 @@ class Samples:
     value: np.ndarray
     rate_time: np.ndarray
     rate: np.ndarray
+
+    def averaged(self, count: int) -> Samples:
+        """Return the means of ``count`` neighbours each, where no rate is measured."""
+        if count == 1 or self.rate.size:
+            return self
+        whole = self.time.size // count * count
+        time, value = (x[:whole].reshape(-1, count).mean(axis=1) for x in (self.time, self.value))
+        return Samples(time, value, self.rate_time, self.rate)
 
 
 @short_repr
@@ -80,17 +96,19 @@ class SmoothJoint:
 def smooth_joint(pieces: Sequence[Samples]) -> SmoothJoint:
     """Return the smoothing splines of a joint with smoothness and noise of greatest likelihood.
 
-    All stretches share both. Knots are as many as the motion found asks for, at most one per sample.
+    All stretches share both. Knots are as many as the motion found asks for, at most one per sample; samples
+    that are far closer are averaged, which the spline's cutoff leaves nothing of.
 
     Args:
         pieces: stretches of at least `LEAST` samples each.
     """
-    fits = []
+    fits: list[_Fit] = []
     for order in ORDERS:
-        fits.append(_fitted(pieces, order, 0.5 * fits[-1].cutoff if fits else 0.0))
+        fits.append(_fitted(pieces, order, fits[-1] if fits else None))
         if len(fits) > 1 and fits[-1].criterion > fits[-2].criterion:
             break
     best = min(fits, key=lambda f: f.criterion)
+    best = replace(best, log_ratio=_vertex(best.bases, best.weight, best.log_ratio, FINE))
     splines = tuple(b.spline(best.log_ratio) for b in best.bases)
     return SmoothJoint(splines, best.cutoff, best.noise, best.rate_noise, best.sigma)
 
@@ -104,6 +122,7 @@ class _Fit:
     weight: float
     step: float
     knots: float
+    merged: int
 
     @cached_property
     def variance(self) -> float:
@@ -111,7 +130,7 @@ class _Fit:
 
     @property
     def noise(self) -> float:
-        return float(np.sqrt(self.variance))
+        return float(np.sqrt(self.variance * self.merged))
 
     @property
     def rate_noise(self) -> float:
@@ -163,25 +182,50 @@ class _Fit:
         return float(value - rates * np.log(self.weight) if rates else value)
 
 
-def _fitted(pieces: Sequence[Samples], order: int, cutoff: float) -> _Fit:
-    """Fit splines of an order with as many knots as they ask for; ``cutoff`` is what to begin with [Hz]."""
+def _fitted(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _Fit:
+    """Fit splines of an order with as many knots as they ask for, from a fit ``before`` of another order."""
     step = float(np.median(np.concatenate([np.diff(p.time) for p in pieces])))
     shortest = min(float(p.time[-1] - p.time[0]) for p in pieces)
-    knots = min(max(COARSEST, 4.0 / shortest, KNOTS_PER_PERIOD * cutoff), 1.0 / step)
-    weight = step**2 if any(p.rate.size for p in pieces) else 0.0
+    rates = any(p.rate.size for p in pieces)
+    guess, merged, near = min(_first_cutoff(p, step) for p in pieces), 1, None
+    if before:  # likelihoods are of the same samples
+        guess, merged = before.cutoff, before.merged
+    most = 1.0 / (step * merged)
+    knots = min(max(COARSEST, 4.0 / shortest, KNOTS_PER_PERIOD * guess), most)
+    weight = before.weight if before else step**2 if rates else 0.0
+    if guess > 0.0:
+        near = (2 * order - 1) * np.log(knots) - 2 * order * np.log(2.0 * np.pi * guess)
     while True:
-        bases = [_Basis(p, knots, order) for p in pieces]
-        found = _Fit(bases, _likeliest(bases, weight), weight, step, knots)
-        for _ in range(SWEEPS if weight > 0.0 else 0):
-            weight = found.reweighted()
-            found = _Fit(bases, _likeliest(bases, weight), weight, step, knots)
-        if knots >= 0.999 / step or found.cutoff * KNOTS_PER_PERIOD <= knots:
+        if not before and not rates:
+            merged = max(1, int(1.0 / (SAMPLES_PER_KNOT * knots * step)))
+        bases = [_Basis(p.averaged(merged), knots, order) for p in pieces]
+        for _ in range(SWEEPS + 1 if rates else 1):
+            near = _likeliest(bases, weight, None if near is None else near - np.log(step * merged))
+            found = _Fit(bases, near, weight, step * merged, knots, merged)
+            near += np.log(step * merged)
+            weight = found.reweighted() if rates else 0.0
+        if knots >= 0.999 * most or found.cutoff * KNOTS_PER_PERIOD <= knots:
             return found
-        knots = min(max(2.0 * knots, KNOTS_PER_PERIOD * min(found.cutoff, 4.0 * knots)), 1.0 / step)
+        more = min(max(2.0 * knots, KNOTS_PER_PERIOD * min(found.cutoff, 4.0 * knots)), most)
+        near += (2 * order - 1) * np.log(more / knots)
+        knots = more
+
+
+def _first_cutoff(piece: Samples, step: float) -> float:
+    """Return about where the spectrum of samples comes down to their noise [Hz]: where to begin."""
+    n = piece.value.size
+    window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 4
+    power = np.abs(np.fft.rfft((piece.value - piece.value.mean()) * window)) ** 2
+    power = np.add.reduceat(power, np.arange(0, power.size, AVERAGED)) / AVERAGED
+    first = int(np.argmax(power < 4.0 * np.median(power[power.size // 2 :])))
+    return AVERAGED * first / (n * step)
 
 
 class _Basis:
-    """B-splines on one stretch, with the bands of their normal equations."""
+    """B-splines on one stretch, with the bands of their normal equations.
+
+    Between knots, which are equally far apart, all splines are the same polynomials.
+    """
 
     def __init__(self, piece: Samples, rate: float, order: int) -> None:
         self.order, self.degree = order, order + 2
@@ -190,56 +234,24 @@ class _Basis:
         self.spacing = (end - start) / count
         self.knots = start + self.spacing * np.arange(-self.degree, count + self.degree + 1)
         self.size = count + self.degree
-        self.unit = 1.0 / rate  # spacing that ratios of all stretches are in
         self.offset = float(np.mean(piece.value))
-        value = piece.value - self.offset
-        own = self._design(piece.time, 0)
-        self.bands = _bands(own.T @ own, self.degree + 1)
-        self.design, self.value = own, value
-        self.square = float(value @ value)
-        self.samples = value.size
-        self.rate_samples = piece.rate.size
-        if piece.rate.size:
-            inside = np.clip(piece.rate_time, start, end)
-            rates = self._design(inside, 1)
-            self.rate_bands = _bands(rates.T @ rates, self.degree + 1)
-            self.rate_design, self.rate = rates, piece.rate
-            self.rate_square = float(piece.rate @ piece.rate)
-        else:
-            self.rate_bands, self.rate_square = 0.0 * self.bands, 0.0
-        scale = (self.unit / self.spacing) ** (2 * self.order - 1)
-        self.roughness = self._roughness(count) * np.sqrt(scale)
-        self.penalty = _bands(self.roughness.T @ self.roughness, self.degree + 1)
-
-    def _design(self, times: np.ndarray, derivative: int) -> csr_matrix:
-        at = (times - self.knots[0]) / self.spacing
-        grid = np.arange(self.size + self.degree + 1, dtype=float)
-        if derivative == 0:
-            return csr_matrix(BSpline.design_matrix(np.clip(at, self.degree, self.size), grid, self.degree))
-        out = csr_matrix(
-            BSpline.design_matrix(
-                np.clip(at, self.degree, self.size), grid[derivative:-derivative], self.degree - derivative
-            )
-        )
-        for k in range(derivative):
-            n = self.size - derivative + k + 1
-            rows = np.repeat(np.arange(n - 1), 2)
-            columns = np.column_stack([np.arange(n - 1), np.arange(1, n)]).ravel()
-            out = csr_matrix(out @ csr_matrix((np.tile([-1.0, 1.0], n - 1), (rows, columns)), (n - 1, n)))
-        return csr_matrix(out / self.spacing**derivative)
-
-    def _roughness(self, count: int) -> csr_matrix:
-        """Rows whose squares sum to the integral of the squared white derivative, time in knot spacings.
-
-        Gauss's rule with three points is exact for squares of quadratic pieces.
-        """
-        nodes, weights = np.polynomial.legendre.leggauss(3)
-        at = (
-            self.knots[self.degree] + self.spacing * (np.arange(count)[:, None] + 0.5 * (nodes + 1.0)).ravel()
-        )
-        white = self._design(at, self.order) * self.spacing**self.order
-        weight = diags_array(np.sqrt(np.tile(0.5 * weights, count)))
-        return csr_matrix(weight @ white)
+        self.value, self.rate = piece.value - self.offset, piece.rate
+        self.samples, self.rate_samples = piece.value.size, piece.rate.size
+        self.square = float(self.value @ self.value)
+        shares = _cardinal(self.degree)
+        self.design = _Rows((piece.time - start) / self.spacing, count, shares)
+        self.bands = self.design.normal()
+        if self.rate_samples:
+            slopes = polynomial.polyder(shares) / self.spacing
+            inside = np.clip((piece.rate_time - start) / self.spacing, 0.0, count)
+            self.rate_design = _Rows(inside, count, slopes)
+            self.rate_bands = self.rate_design.normal()
+        white = polynomial.polyder(shares, order)  # of degree 2
+        scale = (1.0 / (rate * self.spacing)) ** (2 * order - 1)  # in spacings that all stretches share
+        powers = np.arange(len(white))
+        self.roughness = np.linalg.cholesky(scale / (1.0 + powers[:, None] + powers)).T @ white
+        own = self.roughness.T @ self.roughness
+        self.penalty = _bands(np.broadcast_to(own[:, :, None], (*own.shape, count)))
 
     def weigh(self, weight: float) -> None:
         """Fix the weight of measured rates, and take a rough fit to measure all others from.
@@ -248,41 +260,42 @@ class _Basis:
         the rough fit, never as differences of large sums.
         """
         self.weight = weight
-        self.normal = self.bands + weight * self.rate_bands
-        ratio = 1e-9
-        bands = self.normal + ratio * self.penalty
+        self.normal = self.bands + weight * self.rate_bands if self.rate_samples else self.bands
+        bands = self.normal + 1e-9 * self.penalty
         bands[0] += 1e-12 * bands[0].max()
-        root = cholesky_banded(bands, lower=True)
-        self.rough = np.zeros(self.size)
-        for _ in range(3):
-            self.slope, self.rest = self._misfit(self.rough)
-            step = self.slope - ratio * _times(self.penalty, self.rough)
-            self.rough = self.rough + cho_solve_banded((root, True), step)
+        root = cholesky_banded(bands, overwrite_ab=True, lower=True, check_finite=False)
+        slope = self.design.transposed(self.value)
+        if self.rate_samples:
+            slope += weight * self.rate_design.transposed(self.rate)
+        self.rough = cho_solve_banded((root, True), slope, check_finite=False)
         self.slope, self.rest = self._misfit(self.rough)
+        self.bent = _times(self.penalty, self.rough)
 
     def _misfit(self, found: np.ndarray) -> tuple[np.ndarray, float]:
         left = self.value - self.design @ found
-        slope, square = self.design.T @ left, float(left @ left)
+        slope, square = self.design.transposed(left), float(left @ left)
         if self.rate_samples:
             behind = self.rate - self.rate_design @ found
-            slope = slope + self.weight * (self.rate_design.T @ behind)
+            slope = slope + self.weight * self.rate_design.transposed(behind)
             square += self.weight * float(behind @ behind)
-        return np.asarray(slope), square
+        return slope, square
 
-    def solve(self, log_ratio: float) -> tuple[np.ndarray, float, float]:
-        """Return coefficients, the penalised sum of squares, and the log-determinant of what is left free."""
+    def solve(self, log_ratio: float, *, refined: bool = True) -> tuple[np.ndarray, float, float]:
+        """Return coefficients, the penalised sum of squares, and the log-determinant of what is left free.
+
+        The sum is least at the coefficients: it needs none that are ``refined``.
+        """
         ratio = float(np.exp(log_ratio))
         bands = self.normal + ratio * self.penalty
         bands[0] += 1e-13 * bands[0].max()
-        root = cholesky_banded(bands, lower=True)
-        more = np.zeros(self.size)
-        for _ in range(2):
-            rough = ratio * _times(self.penalty, self.rough + more)
-            more = more + cho_solve_banded((root, True), self.slope - _times(self.normal, more) - rough)
+        root = cholesky_banded(bands, lower=True, check_finite=False)
+        wanted = self.slope - ratio * self.bent
+        more = cho_solve_banded((root, True), wanted, check_finite=False)
+        if refined:
+            more = more + cho_solve_banded((root, True), wanted - _times(bands, more), check_finite=False)
         found = self.rough + more
-        bent = self.roughness @ found
         square = self.rest - 2.0 * float(self.slope @ more) + float(more @ _times(self.normal, more))
-        square = max(square, 0.0) + ratio * float(bent @ bent)
+        square = max(square, 0.0) + ratio * float(np.sum((_local(found, self.roughness)) ** 2))
         free = 2.0 * float(np.sum(np.log(root[0]))) - (self.size - self.order) * log_ratio
         return found, square + 1e-30 * self.square + 1e-300, free
 
@@ -298,18 +311,84 @@ class _Basis:
         return BSpline(self.knots, found + self.offset, self.degree, extrapolate=True)
 
 
+class _Rows:
+    """Values of cardinal B-splines, or of their derivative, at samples: polynomials in the share ``phase`` of
+    a knot's spacing, whose coefficients (powers, splines) are the same everywhere.
+    """
+
+    def __init__(self, at: np.ndarray, count: int, polynomials: np.ndarray) -> None:
+        self.index = np.clip(np.floor(at).astype(np.intp), 0, count - 1)
+        self.phase, self.count, self.polynomials = at - self.index, count, polynomials
+
+    def __matmul__(self, coefficients: np.ndarray) -> np.ndarray:
+        """Values (n,) of the spline with coefficients (size,)."""
+        *others, out = (part[self.index] for part in _local(coefficients, self.polynomials))
+        for part in reversed(others):
+            out *= self.phase
+            out += part
+        return out
+
+    def moments(self, values: np.ndarray | None, powers: int) -> np.ndarray:
+        """Sums (powers, count) over each interval's samples of values (n,) times powers of the phase."""
+        out, weight = np.empty((powers, self.count)), values
+        for k in range(powers):
+            out[k] = np.bincount(self.index, weight, self.count)
+            weight = self.phase if weight is None else weight * self.phase
+        return out
+
+    def transposed(self, values: np.ndarray) -> np.ndarray:
+        """Sums (size,) over the samples of values (n,) times each spline."""
+        local = self.polynomials.T @ self.moments(values, len(self.polynomials))
+        out = np.zeros(self.count + len(local) - 1)
+        for k, part in enumerate(local):
+            out[k : k + self.count] += part
+        return out
+
+    def normal(self) -> np.ndarray:
+        """Lower bands of the normal equations."""
+        powers, width = self.polynomials.shape
+        products = np.zeros((2 * powers - 1, width, width))
+        for k, row in enumerate(self.polynomials):
+            products[k : k + powers] += row[:, None] * self.polynomials[:, None, :]
+        local = products.reshape(-1, width * width).T @ self.moments(None, 2 * powers - 1)
+        return _bands(local.reshape(width, width, -1))
+
+
+@cache
+def _cardinal(degree: int) -> np.ndarray:
+    """Coefficients (degree + 1 powers, degree + 1 splines) of the B-splines between two integer knots.
+
+    Source: de Boor (1978), *A Practical Guide to Splines*, chapter X, for the recurrence.
+    """
+    out = np.ones((1, 1))
+    for d in range(1, degree + 1):
+        before, out = out, np.zeros((d + 1, d + 1))
+        for k in range(d):
+            out[:, k] += polynomial.polymul([k + 1.0, -1.0], before[:, k]) / d
+            out[:, k + 1] += polynomial.polymul([d - k - 1.0, 1.0], before[:, k]) / d
+    return out
+
+
+def _local(coefficients: np.ndarray, polynomials: np.ndarray) -> np.ndarray:
+    """Coefficients (powers, intervals) of a spline's polynomial between each two knots."""
+    return np.array([np.correlate(coefficients, row, "valid") for row in polynomials])
+
+
+def _bands(local: np.ndarray) -> np.ndarray:
+    """Lower bands (splines, size), as LAPACK keeps them, of sums of what each interval says of the products
+    of the splines on it, (splines, splines, intervals).
+    """
+    width, _, count = local.shape
+    out = np.zeros((width, count + width - 1), order="F")
+    for k in range(width):
+        for other in range(k, width):
+            out[other - k, k : k + count] += local[k, other]
+    return out
+
+
 def _times(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Product of a symmetric banded matrix, by its lower bands, with x."""
     return dsbmv(bands.shape[0] - 1, 1.0, bands, x, lower=1)
-
-
-def _bands(matrix: csr_matrix, width: int) -> np.ndarray:
-    """Lower bands of a symmetric banded matrix, as LAPACK keeps them: (width, n)."""
-    n = int(matrix.get_shape()[0])
-    out = np.zeros((width, n))
-    for k in range(min(width, n)):
-        out[k, : n - k] = matrix.diagonal(-k)
-    return out
 
 
 def _objective(bases: Sequence[_Basis], log_ratio: float, weight: float) -> float:
@@ -318,7 +397,7 @@ def _objective(bases: Sequence[_Basis], log_ratio: float, weight: float) -> floa
     count = -bases[0].order * len(bases)
     rates = 0
     for b in bases:
-        _, own, determinant = b.solve(log_ratio)
+        _, own, determinant = b.solve(log_ratio, refined=False)
         left, free = left + own, free + determinant
         count += b.samples + b.rate_samples
         rates += b.rate_samples
@@ -326,17 +405,33 @@ def _objective(bases: Sequence[_Basis], log_ratio: float, weight: float) -> floa
     return value - rates * np.log(weight) if rates else value
 
 
-def _likeliest(bases: Sequence[_Basis], weight: float) -> float:
+def _likeliest(bases: Sequence[_Basis], weight: float, near: float | None) -> float:
+    """Return the logarithm of the ratio of greatest likelihood, from one that is ``near``, or from a grid."""
     for b in bases:
         b.weigh(weight)
-    grid = np.linspace(*LOG_RATIO, 15)
-    values = [_objective(bases, x, weight) for x in grid]
-    k = int(np.argmin(values))
-    bounds = (grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)])
-    found = minimize_scalar(
-        lambda x: _objective(bases, x, weight), bounds=bounds, method="bounded", options={"xatol": 0.05}
-    )
-    return float(found.x)
+    if near is not None:
+        return _vertex(bases, weight, near, COARSE)
+    return float(min(np.linspace(*LOG_RATIO, 15), key=lambda x: _objective(bases, x, weight)))
+
+
+def _vertex(bases: Sequence[_Basis], weight: float, near: float, width: float) -> float:
+    """Return where a parabola through three points is least, ``width`` apart and about the least of them."""
+
+    def value(x: float) -> float:
+        return _objective(bases, x, weight)
+
+    low, high = LOG_RATIO
+    x = np.clip(near, low + width, high - width) + width * np.array([-1.0, 0.0, 1.0])
+    f = np.array([value(p) for p in x])
+    while (k := int(f.argmin())) != 1 and low < x[k] < high:
+        new = float(np.clip(x[k] + (x[2] - x[0]) * (k - 1), low, high))
+        x, f = np.insert(x, k + k // 2, new), np.insert(f, k + k // 2, value(new))
+        x, f = (x[:3], f[:3]) if k == 0 else (x[1:], f[1:])
+    if k != 1:
+        return float(x[k])
+    slopes = np.diff(f) / np.diff(x)
+    bend = (slopes[1] - slopes[0]) / (x[2] - x[0])
+    return float(0.5 * (x[0] + x[1]) - 0.5 * slopes[0] / bend) if bend > 0.0 else float(x[1])
 
 
 def _variance(bases: Sequence[_Basis], log_ratio: float) -> float:

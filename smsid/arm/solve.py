@@ -93,7 +93,7 @@ def solve_equations(
         torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
         rows = torques.rows[:, :, base.independent]
         if not k:  # sizes of friction, for the slopes
-            x = solve_joints(rows, torques.torque).x
+            x = solve_joints(rows, torques.torque, rough=True).x
             sizes = {n: float(x[i]) for n, i in places.items()}
         columns = [rows, level.columns(base, x, tilt) if level else np.zeros((*torques.torque.shape, 0))]
         columns.append(delay_column(motion, torques.starts, rows @ x)[:, :, None])
@@ -107,11 +107,14 @@ def solve_equations(
         every = np.concatenate(columns, axis=2)
         if described.used is not None:
             every *= described.used[:, :, None]
-        solved = solve_joints(every, torques.torque, (mean, sigma))
+        solved = solve_joints(every, torques.torque, (mean, sigma), rough=True)
+        moved = np.max(np.abs(solved.x[len(base) :]) / np.maximum(solved.sigma[len(base) :], 1e-12))
+        settled = k == ROUNDS - 1 or (moved < SETTLED and (k > 0 or not loaded))
+        if settled:
+            solved = solve_joints(every, torques.torque, (mean, sigma))
         sizes = {n: float(solved.x[i]) for n, i in places.items()}
         x = solved.x[: len(base)]
-        free = slice(len(base), count)
-        moved, new = float(np.max(np.abs(solved.x[free]) / solved.sigma[free], initial=0.0)), []
+        new = []
         tilt = tilt + np.clip(solved.x[len(base) : leaning], -LEAN, LEAN)
         step = float(np.clip(solved.x[leaning], -EXPECTED, EXPECTED))
         late = AngleDelay(late.value + step, float(solved.sigma[leaning]))
@@ -121,12 +124,11 @@ def solve_equations(
                 new.append(s)
                 continue
             shift, spread = next(shifts)
-            moved = max(moved, abs(shift) / max(spread, 1e-12))
             low, high = shape_bounds(effects[s.effect], s.field, model, motion)
             value = float(np.clip(s.value * np.exp(np.clip(shift, -0.5, 0.5)), low, high))
             new.append(replace(s, value=value, sigma=spread))
         shapes = tuple(new)
-        if moved < SETTLED and (k or not loaded):
+        if settled:
             break
         if loaded:
             load = rows @ x

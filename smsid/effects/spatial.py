@@ -122,10 +122,13 @@ class ExtraInertia:
         return sign * data.dtau_dq, sign * data.dtau_dv
 
 
+SLIDING = ("JointModelP", "JointModelH")
+"""How Pinocchio's joints of one coordinate are called that slide, or screw."""
+
+
 def turns(model: pin.Model, joint: int) -> bool:
     """Whether a joint of one coordinate turns, and does not slide."""
-    jacobian = joint_jacobian(model, model.createData(), pin.neutral(model), joint)
-    return not np.abs(jacobian[:3, model.joints[joint].idx_v]).any()
+    return not model.joints[joint].shortname().startswith(SLIDING)
 
 
 class Rotor:

@@ -254,7 +254,7 @@ class SpacecraftModel:
         return ahead
 
     def set_joint_angles(self, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return a copy of q (nq,) with the arm joints at these angles."""
+        """Return copies (..., nq) of q (nq,) with the arm joints at angles (..., joints)."""
         return set_group_angles(self.pin, self.arm_joints, q, angles)
 
 
@@ -268,13 +268,14 @@ def group_angles(model: pin.Model, group: JointGroup, q: np.ndarray) -> np.ndarr
 
 
 def set_group_angles(model: pin.Model, group: JointGroup, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Return a copy of q (nq,) with a group's joints at these angles."""
-    out = np.array(q, dtype=float)
-    for j, k, angle in zip(group.joints, group.q, angles, strict=True):
+    """Return copies (..., nq) of q (nq,) with a group's joints at angles (..., joints)."""
+    angles = np.asarray(angles, dtype=float)
+    out = np.array(np.broadcast_to(q, (*angles.shape[:-1], len(q))), dtype=float)
+    for j, k, angle in zip(group.joints, group.q, np.moveaxis(angles, -1, 0), strict=True):
         if model.joints[int(j)].nq == 1:
-            out[k] = angle
+            out[..., k] = angle
         else:
-            out[k : k + 2] = np.cos(angle), np.sin(angle)
+            out[..., k], out[..., k + 1] = np.cos(angle), np.sin(angle)
     return out
 
 
