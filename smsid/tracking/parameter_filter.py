@@ -22,7 +22,7 @@ RELINEARISE = 0.3  # standard deviations by which parameters may move before mod
 BETTER = 0.7  # of how well the point of the models is known: what is believed is then a better one
 FAR = 4.0  # standard deviations by which the models are too far, however well their point was known
 BEGINNING = 30.0  # [s] that are filtered again, as the models move
-GROWN = 1.3  # times as much as was filtered again before, from which that is done once more
+GROWN = 2.0  # times as much as was filtered again before, from which that is done once more
 NEGLIGIBLE = 1e-6  # of a parameter's size: nothing is built anew for less
 
 
