@@ -38,7 +38,6 @@ AGAIN = 16.0  # [s] after that, when it is measured again
 MOST = 4  # groups that are tried
 ROUNDS = 3  # of times and sizes, in turn
 ITERATIONS = 6  # of the point about which a run is linear
-LARGER = (-0.4, -0.2, -0.1, 0.15, 0.3, 0.6)  # jumps, as shares of a value, where no small one explains
 WIDER = 3.0  # times a jump, the standard deviation it is given beforehand
 BACK = 4.0  # [s] by which a jump may have begun before it is seen best: what grows since, as a phase does
 WORTH = 2.0  # of the log-likelihood that another time must gain
@@ -307,18 +306,9 @@ class ChangeDetector:
         begun = self._passes[0][0][0]  # from before the change, as far as that is remembered
         earlier = [s for s in self._starts if begun - CLOCK <= s.time <= start.time - max(grid, BACK)]
         base = max(earlier, key=lambda s: s.time, default=start)
-        best, values = self._iterated(base, index, jump, start.time), base.before.values[index]
+        best = self._iterated(base, index, jump, start.time)
         if best is None or best.left > UNEXPLAINED:  # too large, or at another time
             best = _likelier(best, self._found_anew(base, index, jump, start.time - grid, alarm))
-        if best is None or best.left > UNEXPLAINED:
-            for i in range(len(index)):
-                if followed[i].unknown.positive:
-                    larger = [share * values[i] * np.eye(len(index))[i] for share in LARGER]
-                    runs = [self._iterated(base, index, x, start.time, 1) for x in larger]
-                    best = _likelier(best, *runs)
-            if best is not None:
-                guess = best.filter.values[index] - values
-                best = _likelier(best, self._iterated(base, index, guess, start.time))
         if best is None:  # lost in all of them: the filter goes on as it is, and knows the jump no better
             best = _Rerun(self.tracker.filter, start.time, -np.inf, np.inf)
         return _Found(change, base, index, best, due)
