@@ -44,6 +44,7 @@ from smsid.effects.sensor_faults import Outliers, Quantisation, Stuck
 from smsid.effects.servo import Servo
 from smsid.effects.slosh import Slosh, SloshNonlinearity, SloshWall
 from smsid.effects.slosh_pendulum import SloshPendulum
+from smsid.effects.tank_fill import TankFill
 from smsid.effects.thermal_snap import ThermalSnap
 from smsid.effects.wheel_imbalance import WheelImbalance
 
@@ -94,6 +95,7 @@ __all__ = [
     "SloshWall",
     "Starting",
     "Stuck",
+    "TankFill",
     "ThermalSnap",
     "ThrusterGain",
     "ThrusterMisalignment",

@@ -432,7 +432,9 @@ class ChangeDetector:
                     if opened:  # what was learnt of them since is forgotten
                         p[at], p[:, at], mean[index] = 0.0, 0.0, start.before.values[index]
                     reach = np.array([_reach(g.followed[i].unknown) for i in index])
-                    reach = np.hypot(reach, WIDER * jump)  # so that what is known before pulls at no large one
+                    reach = np.hypot(
+                        reach, WIDER * jump
+                    )  # so that what is known before pulls at no large one
                     p[at, at] += (reach / g.scales[index]) ** 2
                     g.covariance, g.values = p, mean
                     if not opened:

@@ -62,9 +62,7 @@ class Linearisation:
         else:
             self.renewed, self._inverse = self.values, inverse
             self.differences = tuple(
-                self._difference(i, layout, locked)
-                for i, u in enumerate(unknowns)
-                if u.kind == "effect"
+                self._difference(i, layout, locked) for i, u in enumerate(unknowns) if u.kind == "effect"
             )
             self._biases = self._bias_columns(layout)
             bodies = inertial_tables(self.base, self._columns, self._inertial, self.scales[self._inertial])
