@@ -37,6 +37,7 @@ from smsid.effects.sensor_errors import (
     TimeOffset,
 )
 from smsid.effects.slosh import Slosh, SloshNonlinearity, SloshPendulum, SloshWall
+from smsid.effects.tank_fill import TankFill
 
 __all__ = [
     "ActuatorDelay",
@@ -85,6 +86,7 @@ __all__ = [
     "SloshWall",
     "Starting",
     "Stuck",
+    "TankFill",
     "ThermalSnap",
     "ThrusterGain",
     "ThrusterMisalignment",

@@ -170,6 +170,10 @@ class Effect(Table):
         """Return the channels (``<sensor>.<quantity>``) whose constant bias is a parameter of the effect."""
         return ()
 
+    def lasting_joints(self) -> tuple[str, ...]:
+        """Return its joints whose rates go on where a motion is begun anew: what was used up stays so."""
+        return ()
+
     def with_values(self, values: Mapping[str, float]) -> Self:
         """Return the effect with the named parameters replaced; names as in `parameters`.
 

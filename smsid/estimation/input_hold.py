@@ -237,10 +237,10 @@ def _integral(signal: Sampled, times: np.ndarray, order: int) -> np.ndarray:
     inside = np.clip(times, knots[signal.degree], knots[-1 - signal.degree])
     beyond = (times - inside)[:, None]
     nearest = np.asarray(signal.spline(inside))
-    once = np.asarray(signal.spline.antiderivative()(inside))
+    once = np.asarray(signal.integrals[0](inside))
     if order == 1:
         return once + beyond * nearest
-    twice = np.asarray(signal.spline.antiderivative(2)(inside))
+    twice = np.asarray(signal.integrals[1](inside))
     return twice + beyond * once + 0.5 * beyond**2 * nearest
 
 

@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.effects.spatial import ExtraInertia
+from smsid.inputs.inputs import Inputs
+from smsid.inputs.signals import Signal
 from smsid.kernel.arrays import Kernel, arrays_of
 from smsid.kernel.jit import available
 from smsid.model.inertial_forces import InertialForces
@@ -48,6 +50,7 @@ class ProcessModel:
         self.data = self.pin.createData()
         self.locked = locked
         self.nv, self.free = model.nv, model.free
+        self._driven: tuple[Inputs, Signal] | None = None
         self._slow = [f for f in self.model.forces if getattr(f, "slow", False)]
         if self.model.inertial is not None:  # it has to see them
             self._slow = []
@@ -64,6 +67,12 @@ class ProcessModel:
         self._upper = np.triu_indices(model.nv, 1)
         self._stiffness, self._damping = np.zeros((2, model.nv))
         self._stiffness[model.spring_v], self._damping[model.spring_v] = model.stiffness, model.damping
+
+    def applied(self, inputs: Inputs) -> Signal:
+        """Return the applied generalised forces (nv,) of what is commanded; those of the last inputs stay."""
+        if self._driven is None or self._driven[0] is not inputs:
+            self._driven = inputs, inputs.driven(self.model).applied(self.model)
+        return self._driven[1]
 
     def kernel(self, *, balanced: bool = True) -> Kernel | None:
         """Return the arrays that compiled code takes, as `smsid.kernel.arrays.arrays_of`, or ``None``."""

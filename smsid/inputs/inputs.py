@@ -36,7 +36,7 @@ class Inputs:
     the joints instead of torque; ``lock_joints``, ``lock_wheels`` hold them; ``hold_attitude`` keeps the bus
     from rotating (the torque that takes is an output). ``thruster`` (thrusters,) is the share of its full
     thrust that each single thruster of the description gives; ``thrusts`` (3 thrusters,) [N], body axes, one
-    after the other, is what `driven` makes of it.
+    after the other, is what `driven` makes of it. ``further`` are generalised forces (nv,) of effects.
     """
 
     force: Signal | None = None
@@ -49,6 +49,7 @@ class Inputs:
     lock_wheels: bool = False
     hold_attitude: bool = False
     thrusts: Signal | None = None
+    further: tuple[Signal, ...] = ()
 
     def check(self, model: SpacecraftModel) -> None:
         """Raise `ExperimentError` when sizes do not fit the spacecraft or inputs contradict each other."""
@@ -129,6 +130,7 @@ class Inputs:
             matrix = np.zeros((nv, len(group)))
             matrix[group.v, np.arange(len(group))] = 1.0
             maps.append((signal, matrix))
+        parts += self.further
         parts += [signal.mapped(matrix) for signal, matrix in maps if signal is not None]
         return merge(parts)
 

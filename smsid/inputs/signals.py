@@ -213,6 +213,11 @@ class Sampled:
         values.flags.writeable = False
         return values
 
+    @cached_property
+    def integrals(self) -> tuple[BSpline, BSpline]:
+        """The first and the second antiderivative."""
+        return self.spline.antiderivative(), self.spline.antiderivative(2)
+
     def mapped(self, matrix: np.ndarray) -> Sampled:
         """Return ``matrix @ self``, matrix (m, size)."""
         spline = BSpline(self.spline.t, self.spline.c @ matrix.T, self.spline.k)

@@ -23,6 +23,7 @@ from scipy.stats import chi2
 from smsid._short_repr import short_repr
 from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Unknown
+from smsid.tracking.linearisation import can_exist
 from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.tracker import Tracker
 from smsid.tracking.update import Update
@@ -37,7 +38,7 @@ AGAIN = 16.0  # [s] after that, when it is measured again
 MOST = 4  # groups that are tried
 ROUNDS = 3  # of times and sizes, in turn
 ITERATIONS = 6  # of the point about which a run is linear
-LARGER = (-0.4, -0.2, -0.1, 0.15, 0.3, 0.6)  # jumps, as shares of a value, where no small one explains
+WIDER = 3.0  # times a jump, the standard deviation it is given beforehand
 BACK = 4.0  # [s] by which a jump may have begun before it is seen best: what grows since, as a phase does
 WORTH = 2.0  # of the log-likelihood that another time must gain
 FINEST = 0.02  # of the time between two starts, to which the time of a jump is sought
@@ -305,19 +306,27 @@ class ChangeDetector:
         begun = self._passes[0][0][0]  # from before the change, as far as that is remembered
         earlier = [s for s in self._starts if begun - CLOCK <= s.time <= start.time - max(grid, BACK)]
         base = max(earlier, key=lambda s: s.time, default=start)
-        best, values = self._iterated(base, index, jump, start.time), base.before.values[index]
-        if best is None or best.left > UNEXPLAINED:
-            for i in range(len(index)):
-                if followed[i].unknown.positive:
-                    larger = [share * values[i] * np.eye(len(index))[i] for share in LARGER]
-                    runs = [self._iterated(base, index, x, start.time, 1) for x in larger]
-                    best = _likelier(best, *runs)
-            if best is not None:
-                guess = best.filter.values[index] - values
-                best = _likelier(best, self._iterated(base, index, guess, start.time))
+        best = self._iterated(base, index, jump, start.time)
+        if best is None or best.left > UNEXPLAINED:  # too large, or at another time
+            best = _likelier(best, self._found_anew(base, index, jump, start.time - grid, alarm))
         if best is None:  # lost in all of them: the filter goes on as it is, and knows the jump no better
             best = _Rerun(self.tracker.filter, start.time, -np.inf, np.inf)
         return _Found(change, base, index, best, due)
+
+    def _found_anew(
+        self, base: _Start, index: np.ndarray, jump: np.ndarray, first: float, alarm: float
+    ) -> _Rerun | None:
+        """Return the likeliest run of a jump at any time from ``first`` to the alarm [s].
+
+        Its size is measured first by what is read after the alarm, when it was there in any case.
+        """
+        after = self._iterated(base, index, jump, first, 2 * ITERATIONS, alarm)
+        if after is None:
+            return None
+        guess = after.filter.values[index] - base.before.values[index]
+        times = np.arange(max(first, base.time), alarm, 0.25 * self.every)
+        best = _likelier(*(self._iterated(base, index, guess, float(t), 1) for t in times))
+        return None if best is None else self._refined(base, index, best, 0.25 * self.every)
 
     def _measure_again(self, now: float, found: _Found) -> None:
         """Measure a change once more by all there is since it began, when it is time; then watch again."""
@@ -380,26 +389,37 @@ class ChangeDetector:
         return replace(best, grid=known)
 
     def _iterated(
-        self, start: _Start, index: np.ndarray, jump: np.ndarray, onset: float, times: int = ITERATIONS
+        self,
+        start: _Start,
+        index: np.ndarray,
+        jump: np.ndarray,
+        onset: float,
+        times: int = ITERATIONS,
+        opening: float = -np.inf,
     ) -> _Rerun | None:
-        """Return the likeliest of runs, each about the parameters at which the one before ended."""
-        best = None
+        """Return the likeliest of runs, each about the parameters at which the one before ended, or about
+        half of the way to them where that was no better: Gauss and Newton's steps, damped.
+        """
+        best, last = None, np.zeros(len(index))
         for _ in range(times):
-            found = self._run(start, index, jump, onset)
-            if found is None:
-                break
+            found = self._run(start, index, jump, onset, opening)
             # where they are as likely, the later one is linear about better values
-            if best is None or found.likely > best.likely - WORTH:
-                best = found
+            if found is None or (best is not None and not found.likely > best.likely - WORTH):
+                jump = 0.5 * (last + jump)
+                continue
+            best, last = found, jump
             g = found.filter
-            before, jump = jump, g.values[index] - start.before.values[index]
-            if (np.abs(jump - before) <= CONVERGED * g.sigmas()[index]).all():
+            jump = g.values[index] - start.before.values[index]
+            if (np.abs(jump - last) <= CONVERGED * g.sigmas()[index]).all():
                 break
         return best
 
-    def _run(self, start: _Start, index: np.ndarray, jump: np.ndarray, onset: float) -> _Rerun | None:
+    def _run(
+        self, start: _Start, index: np.ndarray, jump: np.ndarray, onset: float, opening: float
+    ) -> _Rerun | None:
         """Run the filter again from a start: parameters open at ``onset`` [s], it linear about a jump (k,).
 
+        They are open anew in every pass until ``opening`` [s], where nobody knows yet when they jumped.
         ``None`` where no such spacecraft can be, or the motion is lost.
         """
         g, opened, likely, squares, count = start.before.snapshot(), False, 0.0, 0.0, 0
@@ -407,14 +427,22 @@ class ChangeDetector:
             for edges, drive, values, attitudes, commanded in self._passes:
                 if edges[-1] <= g.time + CLOCK:
                     continue
-                if not opened and edges[-1] > onset + CLOCK:
-                    opened, at = True, g.parameters.start + index
+                if edges[-1] > onset + CLOCK and (not opened or edges[0] < opening - CLOCK):
+                    at, p, mean = g.parameters.start + index, g.covariance.copy(), g.values.copy()
+                    if opened:  # what was learnt of them since is forgotten
+                        p[at], p[:, at], mean[index] = 0.0, 0.0, start.before.values[index]
                     reach = np.array([_reach(g.followed[i].unknown) for i in index])
-                    p, point = g.covariance.copy(), g.values.copy()
+                    reach = np.hypot(
+                        reach, WIDER * jump
+                    )  # so that what is known before pulls at no large one
                     p[at, at] += (reach / g.scales[index]) ** 2
-                    point[index] += jump
-                    g.covariance = p
-                    g.linearise_at(point, np.sqrt(p.diagonal())[g.parameters] * g.scales)
+                    g.covariance, g.values = p, mean
+                    if not opened:
+                        opened, point = True, mean.copy()
+                        point[index] += jump
+                        g.linearise_at(point, np.sqrt(p.diagonal())[g.parameters] * g.scales)
+                        if not can_exist(g.at):
+                            return None
                 if g.at.drives and opened and commanded is not None:  # commands act otherwise after the jump
                     substep = self.tracker.setting.substep
                     drive = g.drive(commanded, edges, substep, drive.before[0])

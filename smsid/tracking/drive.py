@@ -20,7 +20,7 @@ MEMORY = 2.0  # [s] of commands that are remembered: more than any delay
 
 def applied_forces(plant: ProcessModel, inputs: Inputs, edges: np.ndarray, substep: float) -> Applied:
     """Return the applied generalised forces between edges (n + 1,) [s] and at them, in substeps."""
-    signal = inputs.driven(plant.model).applied(plant.model)
+    signal = plant.applied(inputs)
     widths = np.diff(edges)
     n = max(1, int(np.ceil(float(widths.max(initial=substep)) / substep - 1e-9)))
     n += n % 2  # the middle of an interval is an end of a step

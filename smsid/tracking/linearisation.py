@@ -62,9 +62,7 @@ class Linearisation:
         else:
             self.renewed, self._inverse = self.values, inverse
             self.differences = tuple(
-                self._difference(i, origin, layout, locked)
-                for i, u in enumerate(unknowns)
-                if u.kind == "effect"
+                self._difference(i, layout, locked) for i, u in enumerate(unknowns) if u.kind == "effect"
             )
             self._biases = self._bias_columns(layout)
             bodies = inertial_tables(self.base, self._columns, self._inertial, self.scales[self._inertial])
@@ -94,13 +92,12 @@ class Linearisation:
         """Whether how commands act depends on a parameter."""
         return any(d.drives for d in self.differences)
 
-    def _difference(self, i: int, origin: Point, layout: Measured, locked: np.ndarray) -> Difference:
+    def _difference(self, i: int, layout: Measured, locked: np.ndarray) -> Difference:
         u = self.unknowns[i]
         ends = []
         for sign in (-1.0, 1.0):
-            values = self.values.copy()
-            values[i] = float(np.clip(values[i] + sign * DIFFERENCE * u.scale, u.lower, u.upper))
-            ends.append((values[i], Instance.at(point_at(origin, self.unknowns, values), layout, locked)))
+            value = float(np.clip(self.values[i] + sign * DIFFERENCE * u.scale, u.lower, u.upper))
+            ends.append((value, Instance.at(point_at(self.point, [u], [value]), layout, locked)))
         (less, low), (more, high) = ends
         if low.model.nv != high.model.nv or low.model.nv != self.base.model.nv:
             raise NotIdentifiableError(
@@ -178,11 +175,11 @@ def _inverse_mass(of: Instance) -> np.ndarray:
     return upper + np.triu(upper, 1).T
 
 
-def point_at(origin: Point, unknowns: Sequence[Unknown], values: np.ndarray) -> Point:
-    """Return the point at which parameters have these values (m,); which way led there does not matter."""
+def point_at(origin: Point, unknowns: Sequence[Unknown], values: Sequence[float] | np.ndarray) -> Point:
+    """Return a point with these values (m,) of parameters; which way led there does not matter."""
     inertial, biases = dict(origin.inertial), dict(origin.biases)
     by_effect: dict[str, dict[str, float]] = {}
-    for u, value in zip(unknowns, values.tolist(), strict=True):
+    for u, value in zip(unknowns, map(float, values), strict=True):
         if u.kind == "inertial":
             own = origin.base.pin.inertias[u.column // 10 + 1].toDynamicParameters()[u.column % 10]
             inertial[u.column] = value - float(own)

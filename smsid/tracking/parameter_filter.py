@@ -22,7 +22,7 @@ RELINEARISE = 0.3  # standard deviations by which parameters may move before mod
 BETTER = 0.7  # of how well the point of the models is known: what is believed is then a better one
 FAR = 4.0  # standard deviations by which the models are too far, however well their point was known
 BEGINNING = 30.0  # [s] that are filtered again, as the models move
-GROWN = 1.3  # times as much as was filtered again before, from which that is done once more
+GROWN = 2.0  # times as much as was filtered again before, from which that is done once more
 NEGLIGIBLE = 1e-6  # of a parameter's size: nothing is built anew for less
 
 
@@ -58,6 +58,9 @@ class ParameterFilter:
         self.inputs = np.array([u.dof for u in self.unknown_inputs], dtype=int), walk, self.input_noise
         self._variance = self.layout.sigma**2
         self._bends = np.array([u.kind != "bias" for u in self._unknowns])
+        names = [n for e in self.origin.description.effect for n in e.lasting_joints()]
+        tree = self.origin.base.pin
+        self._lasting = [tree.joints[tree.getJointId(n)].idx_v for n in names]
         self.at = Linearisation(self.origin, self.followed, self.values, self.layout, self.locked)
         self.known_at = self.sigmas()
         self.rebuilt = 0
@@ -83,7 +86,10 @@ class ParameterFilter:
         p[: 2 * nv, : 2 * nv] = belief.covariance
         p[2 * nv : 2 * nv + k, 2 * nv : 2 * nv + k] = np.diag(sigma**2)
         p[2 * nv + k :, 2 * nv + k :] = own
-        self.q, self.v, self.unknown = belief.q.copy(), belief.v.copy(), np.zeros(k)
+        v = belief.v.copy()
+        for i in self._lasting:
+            v[i], p[nv + i, nv + i] = self.v[i], self.covariance[nv + i, nv + i]
+        self.q, self.v, self.unknown = belief.q.copy(), v, np.zeros(k)
         self.covariance, self.time = p, time
         self.forget_beginning()
         self.begun = copy(self)

@@ -204,10 +204,12 @@ class Tracker:
         """
         setting = self.setting.with_motion(Setting.of_flight(flight))
         f = self.filter
-        values, own = f.values, f.parameter_covariance()
+        values, own, v, known = f.values, f.parameter_covariance(), f.v, f.covariance
         time, log, samples, at = f.time, self.log, self.samples, (f.at.values, f.known_at, f.rebuilt)
         self.setting = setting
         self._build(self.origin, replace(self.start, mean=values, covariance=own))
+        if len(known) == len(self.filter.covariance):  # what was used up stays so
+            self.filter.v, self.filter.covariance = v, known
         self.filter.time, self.log, self.samples = time, log, samples
         self.buffer.log = log
         self.filter.linearise_at(at[0], at[1])
