@@ -75,9 +75,7 @@ def diagnose_command(
         found = diagnose(described, loaded, estimate=known, validation=judged, cutoff=cutoff)
     save_diagnosis(found.diagnosis, output)
     written = [output]
-    # causes in measured torques stand also where something else is left
-    standing = found.torques is not None and bool(found.diagnosis.causes)
-    if found.diagnosis.verdict == "explained" or standing:
+    if found.diagnosis.extends:
         place = extended if extended is not None else _extended_beside(output)[0]
         save_description(found.extended, place)
         written.append(place)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import cast
 
 import numpy as np
 
 from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, Oscillating
 from smsid.diagnose.truncated_mode import HigherMode
-from smsid.effects.appendage import Appendage, BeamAppendage
-from smsid.effects.beam_mode import BeamMode
+from smsid.effects.appendage import Appendage
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem
 from smsid.model.regressor import body_names
@@ -76,15 +74,16 @@ def higher_modes(point: Point, problem: Problem) -> Iterator[HigherMode]:
     rate = 1.0 / float(np.median(np.diff(problem.data.times)))
     for joints in model.appendages:
         beam: Appendage = joints.appendage
-        bends = beam.kind == "beam_appendage" and beam.name in seen
-        if not (bends and model.free and joints.parent == 1):
+        if not (beam.name in seen and model.free and joints.parent == 1):
             continue
-        further = [cast(BeamMode, e) for e in point.description.effect if e.kind == "beam_mode"]
-        has = {e.mode for e in further if e.appendage == beam.name}
-        missing = [n for n in range(beam.modes + 1, MOST_MODES + 1) if n not in has]
+        has = {m.number for m in joints.more}
+        missing = [n for n in range(len(joints.joints) + 1, MOST_MODES + 1) if n not in has]
         for number in missing[:FURTHER]:
+            mode = beam.higher_mode(number)
+            if mode is None:
+                break
             name = _unused(point, f"beam_mode_{beam.name}_{number}")
-            candidate = HigherMode.of(cast(BeamAppendage, beam), joints.placement, number, name)
+            candidate = HigherMode.of(beam.name, mode, joints.placement, number, name)
             if candidate.highest * PER_CYCLE < rate:
                 yield candidate
 

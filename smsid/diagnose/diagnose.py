@@ -27,13 +27,14 @@ from smsid.diagnose.sensor_faults import (
     quantised_channels,
     stuck_channels,
 )
+from smsid.diagnose.standing_causes import standing
 from smsid.diagnose.stationary_channels import resting_channels
 from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque import diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.validation import Gain, gain
-from smsid.diagnose.verdict import causes, limits, remaining, tested, verdict
+from smsid.diagnose.verdict import causes, is_piecewise_drift, limits, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.identify_flights import labels_of
 from smsid.estimation.innovations import normalised_rmse
@@ -202,11 +203,22 @@ def _diagnose(
             LOGGER.info("outliers of %d components are none", len(more) - len(still))
             problem = replace(problem, data=drop_samples(every, still))
             found = searched(problem, found.nominal.point, found)
-    seen, named = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
-    decided, sentence = verdict(found, (*seen, *named))
-    # what explains a part only is a hint: a cause outside the catalogue looks like several within
-    partial, named = (named, ()) if decided == "unexplained" else ((), named)
-    extended, told = with_inertial_shifts(found) if decided == "explained" else (description, ())
+    seen, every = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
+    decided, sentence = verdict(found, (*seen, *every))
+    named, partial = every, ()
+    if decided == "unexplained":
+        # what explains a part only is a hint: a cause outside the catalogue looks like several within
+        named = () if is_piecewise_drift(every) else standing(found, every)
+        partial = tuple(c for c in every if all(c is not n for n in named))
+        _, sentence = verdict(found, (*seen, *every), (*seen, *named))
+    hints = [
+        c.score.candidate
+        for c, said in zip(found.causes, every, strict=True)
+        if any(said is p for p in partial)
+    ]
+    extended, told = description, ()
+    if decided == "explained" or named:
+        extended, told = with_inertial_shifts(found, hints)
     gained, reason = _gain(known.point, found, validation, rate, faults)
     foreign = _foreign(found)
     if foreign:
@@ -316,8 +328,8 @@ def _per_channel(faults: Sequence[Fault]) -> list[Fault]:
 def _fault(fault: Fault, problem: Problem) -> FoundCause:
     names = {"stuck": ("time", "s"), "outliers": ("rate", "1"), "quantisation": ("step", "of the channel")}
     name, unit = names[fault.kind]
-    unit = "1" if fault.kind == "quantisation" and fault.channel.endswith(".attitude") else unit
-    size, where = on_own_clock(problem, fault.value) if fault.kind == "stuck" else (fault.value, "")
+    unit = "1" if name == "step" and fault.channel.endswith(".attitude") else unit
+    size, where = on_own_clock(problem, fault.value) if name == "time" else (fault.value, "")
     value = Value(f"{fault.kind}_{fault.channel}.{name}", size, fault.sigma, unit)
     return FoundCause(
         fault.kind,

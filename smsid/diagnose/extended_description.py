@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.description.schema import Description
+from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.stepwise import Search
 from smsid.effects import BodyError
 from smsid.effects.base import Effect
@@ -33,14 +34,21 @@ class Bodies:
     sizes: np.ndarray
 
 
-def with_inertial_shifts(found: Search) -> tuple[Description, tuple[str, ...]]:
+def with_inertial_shifts(
+    found: Search, hints: Sequence[Candidate] = ()
+) -> tuple[Description, tuple[str, ...]]:
     """Return the last fit's description, shifts of inertial parameters as ``body_error`` effects; and notes.
 
+    The effects of ``hints``, which are no causes, are left out.
     Where a shifted body could not exist - the recording determines combinations of bodies only - the bodies
     are the nearest that can, in the sense of the fit's own uncertainty: they simulate as the fit does.
     Of several recordings, it has the effects of the last.
     """
     point = as_now(found.last)
+    described = {e.name for e in found.nominal.point.description.effect}
+    out = {c.effect.name for c in hints if c.effect is not None} - described
+    kept = tuple(e for e in point.description.effect if e.name not in out)
+    point = replace(point, description=point.description.model_copy(update={"effect": kept}))
     if not point.inertial:
         return point.description, ()
     try:

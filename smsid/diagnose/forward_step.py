@@ -22,7 +22,7 @@ from smsid.diagnose.change_point import (
 from smsid.diagnose.exchange_step import exchange_step, recompute_evidence
 from smsid.diagnose.hysteresis_test import memory
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
-from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise
+from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, strays_by_row
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
 from smsid.diagnose.specification_tests import SpecificationTest
@@ -64,6 +64,7 @@ class State:
         if nominal is not None:
             self.nominal = nominal
             self.normalised_rmse = normalised_rmse(nominal.run)
+            self.strays = strays_by_row(nominal.run, np.ones(len(fitted.factors)))
         self.failed: list[str] = []
         self._restarts = 0
         # whether the noise is finer now than when the last cause was chosen
@@ -263,6 +264,7 @@ class State:
         """The last fit is of the nominal parameters alone."""
         self.nominal = self.current
         self.normalised_rmse = normalised_rmse(self.current.run, self.fitted.factors)
+        self.strays = strays_by_row(self.current.run, self.fitted.factors)
 
     def _move(self, found: Fit, *, strong: bool) -> None:
         """Go on from another fit, with its noise levels.

@@ -230,8 +230,8 @@ def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
     for joints in point.base.appendages:
         part = joints.appendage
         modes = range(1, len(joints.joints) + 1)
-        errors = [e for e in point.description.effect if e.kind == "mode_error"]
-        known = {getattr(e, "mode", 0): e.name for e in errors if getattr(e, "appendage", "") == part.name}
+        errors = [e for e in point.description.effect if e.in_modes and e.part_of() == part.name]
+        known = {getattr(e, "mode", 0): e.name for e in errors}
         by_mode = {u.name for u in nominal if u.name.startswith(f"{part.name}.mode")}
         for k in modes:
             mode = {"appendage": part.name, "mode": k}

@@ -24,6 +24,7 @@ LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
 HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
+LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
 NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough
@@ -66,6 +67,15 @@ def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fi
     # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
     near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
     return Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+
+
+def strays_by_row(run: FilterRun, factors: np.ndarray) -> np.ndarray:
+    """Return the root mean square of every component's prediction errors (rows,), in stated noise.
+
+    ``factors`` (rows,) are the levels of the run's noise over the stated one.
+    """
+    x = np.where(run.used, run.normalised * factors, 0.0)
+    return np.sqrt((x**2).sum(axis=0) / np.maximum(run.used.sum(axis=0), 1))
 
 
 def with_levels(found: Fitted) -> Fitted:
@@ -160,7 +170,12 @@ def _with_noise(found: Fitted) -> Fitted:
 
 
 def _with_misfit(found: Fitted) -> Fitted:
-    for _ in range(3):
+    """Return the fit whose noise levels are those of what it leaves: the likeliest of both.
+
+    At first every channel bears what one of them has bent the fit to; only where levels and fit agree is
+    misfit where it belongs.
+    """
+    for _ in range(LEVELLED):
         factor = misfit_factors(found.fit.problem.data, found.fit.run)
         factor = np.maximum(found.factors * factor, 1.0) / found.factors
         LOGGER.info("misfit: factors %.3g to %.3g more", factor.min(), factor.max())

@@ -112,7 +112,9 @@ class Limit:
 class Diagnosis:
     """What a recording says of a simulation.
 
-    ``partial`` are candidates that explain a part where the whole stays unexplained: hints, no causes.
+    ``causes`` stand also where the verdict is ``unexplained``: they are proven where they show themselves,
+    and something else is left. ``partial`` are candidates that explain a part where the whole stays
+    unexplained: hints, no causes.
     ``tests`` are all generic tests by model, ``nominal`` before any cause and ``extended`` with the causes.
     """
 
@@ -132,6 +134,11 @@ class Diagnosis:
     timing: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     tests: Mapping[str, tuple[Remaining, ...]] = field(default_factory=dict)
+
+    @property
+    def extends(self) -> bool:
+        """Whether there is something to write into a description: all is explained, or a cause stands."""
+        return self.verdict == "explained" or any("likelihood_ratio" in c.evidence for c in self.causes)
 
     def __repr__(self) -> str:
         return as_text(*self._told())

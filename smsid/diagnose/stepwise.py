@@ -5,14 +5,23 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.diagnose.forward_step import State
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, with_further
-from smsid.diagnose.noise_covariance import Fitted, but_for_one, first_fit, normalised_rmse, with_levels
+from smsid.diagnose.noise_covariance import (
+    FOLLOWED,
+    Fitted,
+    but_for_one,
+    first_fit,
+    normalised_rmse,
+    refit_noise,
+    strays_by_row,
+    with_levels,
+)
 from smsid.diagnose.open_loop_check import unexplained_fraction
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy
@@ -37,7 +46,8 @@ class Search:
     ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
     fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
-    prediction errors over the stated noise, before and after. ``coarse`` are components read in steps.
+    prediction errors over the stated noise, before and after, ``strays`` (rows,) those of every component.
+    ``coarse`` are components read in steps.
     ``failed`` says in sentences what could not be done for numerical reasons.
     """
 
@@ -56,6 +66,7 @@ class Search:
     levels: DetectionThresholds = field(default_factory=DetectionThresholds)
     coarse: frozenset[str] = frozenset()
     failed: tuple[str, ...] = ()
+    strays: tuple[np.ndarray, np.ndarray] = (np.ones(0), np.ones(0))
 
     @property
     def left(self) -> tuple[SpecificationTest, ...]:
@@ -109,6 +120,7 @@ def search(
         (state.normalised_rmse, normalised_rmse(state.current.run, state.fitted.factors)),
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
         levels, coarse, tuple(state.failed),
+        (state.strays, strays_by_row(state.current.run, state.fitted.factors)),
     )  # fmt: skip
 
 
@@ -133,6 +145,9 @@ def _begun(
     fitted = but_for_one(first) if first is not None and strays else None
     if fitted is not None:  # one sensor alone: no cause of the motion is as strong as that
         return State(fitted, candidates, levels)
+    local = _local(first) if first is not None and strays else None
+    if local is not None:
+        return State(local, candidates, levels)
     if strays:
         coarse = coarse_cause(point, problem, unknowns, candidates)
         if coarse is not None:
@@ -149,6 +164,18 @@ def _begun(
             recording=problem.recording.name,
         )
     return State(fitted, candidates, levels)
+
+
+def _local(first: Fitted) -> Fitted | None:
+    """Return a first fit with the noise levels of its misfit where most components are followed then."""
+    try:
+        fitted = refit_noise(replace(first, misfit=True))
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("misfit is not local: %s", error)
+        return None
+    left = float(np.median(strays_by_row(fitted.fit.run, fitted.factors)))
+    LOGGER.info("with misfit where it is, half of the components are left at %.3g times their noise", left)
+    return fitted if left <= FOLLOWED else None
 
 
 def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTest, ...]:

@@ -33,15 +33,6 @@ SUBSTEP = 0.05  # [s] of the integration there
 TRIED = 3  # candidates that are fitted
 LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
 CLOSE = THRESHOLDS.coarse_close
-STRONG: dict[str, tuple[float, ...]] = {
-    "payload": (5.0, 15.0, 50.0, 150.0, 500.0),  # [kg]
-    "body_error": (1.0, -0.5),  # of density
-    "torque_gain": (-2.0, -1.0, 1.0),  # the other way, not at all, twice
-    "thruster_gain": (-1.0, 1.0),  # it cannot pull
-    "sensor_scale": (-2.0,),
-    "joint_friction": (1.0, 30.0),  # [N m, N m s/rad]
-}
-"""Values by kind from which a strong cause is fitted, component by component."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +95,14 @@ def _starts(
     in each of several alone.
     """
     for candidate in candidates:
-        if candidate.effect is None or candidate.kind not in STRONG:
+        if candidate.effect is None:
             continue
-        if candidate.kind == "joint_friction" and candidate.shape not in ("viscous", "coulomb"):
-            continue  # of a strong one these are special cases
         effect = candidate.instance(point)
-        for name in candidate.free:
-            for value in STRONG[candidate.kind]:
+        values = [effect.strong.get(name.split(".")[1], ()) for name in candidate.free]
+        if not all(values):
+            continue
+        for name, strong_ones in zip(candidate.free, values, strict=True):
+            for value in strong_ones:
                 try:
                     strong = effect.with_values({name: value})
                 except SmsidError:  # beyond its bounds

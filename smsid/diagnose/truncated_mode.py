@@ -18,7 +18,7 @@ import pinocchio as pin
 from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, reaction_forces, unit_response
 from smsid.diagnose.profiled_hypothesis import Searched, Settled, Shape, best_shape, resolved_as
 from smsid.diagnose.score_test import Score
-from smsid.effects.appendage import BeamAppendage, Mode
+from smsid.effects.appendage import Mode
 from smsid.effects.beam_mode import BeamMode
 from smsid.estimation.map_estimate import Fit, Projected
 from smsid.estimation.parameter_vector import Unknown
@@ -46,9 +46,8 @@ class HigherMode(Searched):
     seen: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
-    def of(cls, beam: BeamAppendage, placement: pin.SE3, number: int, name: str) -> HigherMode:
+    def of(cls, beam: str, mode: Mode, placement: pin.SE3, number: int, name: str) -> HigherMode:
         """Return the candidate of a beam's mode ``number``; ``placement`` of its root is in the bus frame."""
-        mode = beam.model_copy(update={"modes": number}).modal_data()[-1]
         along = np.asarray(mode.translation)
         size = float(np.linalg.norm(along))
         turn = placement.rotation
@@ -56,7 +55,7 @@ class HigherMode(Searched):
         axis = turn @ along / size
         seen = size * np.array(mode.shape).reshape(-1, 3) @ turn.T
         return cls(
-            "beam_mode", beam.name, "appendage", f"mode {number}", None, (), (), name=name, number=number,
+            "beam_mode", beam, "appendage", f"mode {number}", None, (), (), name=name, number=number,
             mode=mode, springs=AddedOscillatorHypothesis(place, axis[None], np.zeros((0, 3))), seen=seen,
         )  # fmt: skip
 
@@ -78,7 +77,9 @@ class HigherMode(Searched):
     def _at(self, changes: Sensitivities) -> HigherMode:
         """Return the candidate of the beam as it is fitted: its density and stiffness may have moved."""
         panel = find_appendage(changes.model, self.location)
-        return HigherMode.of(cast(BeamAppendage, panel.appendage), panel.placement, self.number, self.name)
+        mode = panel.appendage.higher_mode(self.number)
+        assert mode is not None
+        return HigherMode.of(self.location, mode, panel.placement, self.number, self.name)
 
     @property
     def _coarse(self) -> float:

@@ -33,7 +33,8 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
     ``found`` is the fit of the nominal parameters. The ratio of each is what noise on it gains, with the
     parameters fitted again.
     """
-    inputs = _inputs(found)
+    driven = ("torque of", "force on", "torque on")
+    inputs = {name: v for name, (v, *_) in inputs_of(found).items() if name.startswith(driven)}
     rest = continued(found, iterations=4, enough=NEAR).objective
     index = list(inputs.values())
     slope, known = disturbances(found.run)
@@ -54,16 +55,17 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
     return sorted(tests, key=lambda b: b.order)
 
 
-def _inputs(found: Fit) -> dict[str, int]:
-    """Return the velocity coordinate of every input, by the name it has in the generic tests."""
+def inputs_of(found: Fit) -> dict[str, tuple[int, ...]]:
+    """Return the velocity coordinates of every equation of motion, by its name in the generic tests."""
     model = found.changes.model
     bus = [f"{what} on the bus along {axis}" for what in ("force", "torque") for axis in "xyz"]
-    out = {name: k for k, name in enumerate(bus)} if model.free else {}
-    for group in (model.arm_joints, model.wheels):
+    out = {name: (k,) for k, name in enumerate(bus)} if model.free else {}
+    for what, group in (("torque of", model.arm_joints), ("torque of", model.wheels),
+                        ("mode", model.modes), ("mode", model.further_modes)):  # fmt: skip
         for name, v in zip(group.names, group.v, strict=True):
             if int(v) not in found.problem.locked:
-                out[f"torque of {name}"] = int(v)
-    return out
+                out[f"{what} {name}"] = (int(v),)
+    return out | {f"slosh {tank.name}": tuple(range(tank.v.start, tank.v.stop)) for tank in model.slosh}
 
 
 def disturbances(run: FilterRun) -> tuple[np.ndarray, np.ndarray]:

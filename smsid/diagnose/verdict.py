@@ -186,26 +186,27 @@ def tested(blocks: Sequence[SpecificationTest], tests: int) -> tuple[Remaining, 
     )
 
 
-def verdict(found: Search, named: tuple[FoundCause, ...]) -> tuple[Verdict, str]:
-    """Return the verdict and one sentence; ``named`` are all causes, faults of samples among them."""
-    left = found.left
-    words = "; ".join(describe(c) for c in named)
+def verdict(
+    found: Search, named: Sequence[FoundCause], standing: Sequence[FoundCause] = ()
+) -> tuple[Verdict, str]:
+    """Return the verdict and one sentence; ``named`` are all causes, faults of samples among them.
+
+    Those ``standing`` are causes also where it is ``unexplained``; the others are parts of an explanation.
+    """
+    left, words = found.left, _in_words(named)
     doubted = next((d for d in (doubts(found, c) for c in named) if d), "")
     if doubted:
-        return "unexplained", (
-            f"The simulation does not explain the recording: what would ({words}) is not believed, "
-            f"as {doubted}."
-        )
+        hints = _in_words([c for c in named if all(c is not s for s in standing)])
+        what = f": what would ({hints}) is not believed, as {doubted}." if hints else f", as {doubted}."
+        return "unexplained", f"The simulation does not explain the recording{what}{_parts((), standing)}"
     if found.misfit:
-        return _with_misfit(found, named, words)
+        return _with_misfit(found, named, standing)
     if left:
         worst = (*found.left_before, *left)[0]
         what = f"{worst.where} depends on {worst.dependence}"
         sentence = f"The simulation does not explain the recording: {what}, and no cause fits it."
-        if words:
-            beside = f"beside it {left[0].where} still depends on {left[0].dependence}"
-            sentence += f" Explaining a part: {words}; {beside}."
-        return "unexplained", sentence
+        beside = f"; beside it {left[0].where} still depends on {left[0].dependence}"
+        return "unexplained", sentence + _parts(named, standing, beside)
     if is_piecewise_drift(named):
         sentence = (
             f"The simulation does not explain the recording: {words}; that begins in turn, as the pieces"
@@ -231,8 +232,22 @@ def is_piecewise_drift(named: Sequence[FoundCause]) -> bool:
     return any(max(times) - min(times) > IN_TURN for times in begun.values())
 
 
-def _with_misfit(found: Search, named: tuple[FoundCause, ...], words: str) -> tuple[Verdict, str]:
+def _in_words(causes: Sequence[FoundCause]) -> str:
+    return "; ".join(describe(c) for c in causes)
+
+
+def _parts(named: Sequence[FoundCause], standing: Sequence[FoundCause], beside: str = "") -> str:
+    """Return which causes stand where the whole does not, and which explain a part only."""
+    hints = [c for c in named if all(c is not s for s in standing)]
+    told = f" What stands all the same: {_in_words(standing)}." if standing else ""
+    return told + (f" Explaining a part: {_in_words(hints)}{beside}." if hints else "")
+
+
+def _with_misfit(
+    found: Search, named: Sequence[FoundCause], standing: Sequence[FoundCause]
+) -> tuple[Verdict, str]:
     """The model still strays: causes are named where they take away most of it, the rest is stated."""
+    words = _in_words(named)
     worst = max(found.noise, key=lambda channel: found.noise[channel])
     rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
     if words and found.followed >= MOSTLY and is_piecewise_drift(named):
@@ -240,7 +255,7 @@ def _with_misfit(found: Search, named: tuple[FoundCause, ...], words: str) -> tu
     if words and found.followed >= MOSTLY:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
     sentence = f"The simulation does not follow the recording: {rest}, and no cause fits it."
-    return "unexplained", sentence + (f" Explaining a part: {words}." if words else "")
+    return "unexplained", sentence + _parts(named, standing)
 
 
 def _plainly(cause: FoundCause, p: Value) -> str:

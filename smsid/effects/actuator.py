@@ -126,6 +126,7 @@ class ThrusterGain(ThrustEffect):
     summary = "thrust that is larger or smaller than commanded, axis by axis or of one thruster"
     aliases = ("thruster_misalignment", "body_error", "sensor_scale")
     strength = ("gain",)
+    strong = {"gain": (-1.0, 1.0)}  # it cannot pull
     changes = {"gain": ("the thrust has grown", "the thrust has fallen")}
     in_words = "the thrust is not what is commanded"
     kind: Literal["thruster_gain"] = "thruster_gain"
@@ -190,6 +191,7 @@ class TorqueGain(ActuatorEffect):
     summary = "wrong torque constant of a motor"
     aliases = ("joint_friction", "body_error")
     strength = ("error",)
+    strong = {"error": (-2.0, -1.0, 1.0)}  # the other way, not at all, twice
     changes = {"error": ("its motor gives more torque", "its motor gives less torque")}
     in_words = "the torque of {place} is not what is commanded, by a factor"
     kind: Literal["torque_gain"] = "torque_gain"

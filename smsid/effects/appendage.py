@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.appendage_effect import ModeError
 from smsid.effects.assembly import Assembly
-from smsid.effects.base import Effect, Vector3, physical, register
+from smsid.effects.base import Effect, SigmaOf, Vector3, physical, register
 from smsid.effects.mode import Cantilever, Mode, mode_joints
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
@@ -50,6 +50,14 @@ class Appendage(Effect):
     def modal_data(self) -> tuple[Mode, ...]:
         """Return the modes."""
         raise NotImplementedError
+
+    def higher_mode(self, number: int) -> Mode | None:
+        """Return a mode beyond those of `modal_data`, or ``None`` where these are all that is known of it."""
+        return None
+
+    def bent_as(self, identified: Appendage) -> list[Effect]:
+        """Return the effects that say of it what an identified appendage does: that one."""
+        return [identified]
 
     def mass_parameter(self) -> Parameter:
         """Return by what an estimate says how heavy it is: a factor on the described modal masses."""
@@ -247,10 +255,26 @@ class BeamAppendage(Appendage):
                 )
         return out
 
+    def estimated_sigmas(self, sigma: SigmaOf, relative: SigmaOf) -> dict[str, float]:
+        """Return standard deviations: Young's modulus goes as density times frequency squared."""
+        # the linear method calls it so where effects correct the beam's modes
+        names = [f"{self.name}.{key}" for key in ("linear_density", "participation_factor")]
+        density = next((s for n in names if np.isfinite(s := relative(n))), np.nan)
+        frequency = relative(f"{self.name}.mode1.frequency")
+        return {
+            "density": density * self.density,
+            "damping": sigma(f"{self.name}.mode1.damping"),
+            "youngs_modulus": self.youngs_modulus * float(np.hypot(density, 2.0 * frequency)),
+        }
+
     def plate(self) -> tuple[tuple[float, float, float], Callable[[np.ndarray], np.ndarray]]:
         """Return the plate and the cantilever's shapes."""
         beam, share = self.cantilever, self.mass**-0.5
         return (self.length, self.width, self.thickness), lambda x: beam.shape(x) * share
+
+    def higher_mode(self, number: int) -> Mode:
+        """Return mode ``number`` of the uniform beam."""
+        return self.model_copy(update={"modes": number}).modal_data()[-1]
 
     def modal_data(self) -> tuple[Mode, ...]:
         """Return the bending modes of the cantilever, mass-normalised."""

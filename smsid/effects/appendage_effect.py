@@ -10,7 +10,7 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from smsid.effects.assembly import AppendageJoints, Assembly
-from smsid.effects.base import Effect, Starting, Vector3, physical, register
+from smsid.effects.base import Effect, SigmaOf, Starting, Vector3, physical, register
 from smsid.effects.payload import point_parameters
 from smsid.errors import DescriptionError
 
@@ -103,6 +103,16 @@ class ModeError(ModeEffect):
         """Return nothing where the appendage is estimated by its modes, and so is the error."""
         own = next((e for e in effects if e.name == self.appendage), self)
         return self if own.estimated_as(effects) is own else None
+
+    def estimated_sigmas(self, sigma: SigmaOf, relative: SigmaOf) -> dict[str, float]:
+        """Return standard deviations: what the first mode, the beam's, is off by is in them, too."""
+        first, own = (f"{self.appendage}.mode{k}" for k in (1, self.mode))
+        frequency = [relative(f"{m}.frequency") for m in (first, own)]
+        damping = [sigma(f"{m}.damping") for m in (first, own)]
+        return {
+            "frequency": (1.0 + self.frequency) * float(np.linalg.norm(frequency)),
+            "damping": float(np.linalg.norm(damping)),
+        }
 
     def attach(self, assembly: Assembly) -> None:
         """Add the forces of the changed spring and damper. Raises `DescriptionError` without such a mode."""

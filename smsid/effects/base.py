@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
 Vector6 = Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
+SigmaOf = Callable[[str], float]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 
 AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "yy", "xz", "yz", "zz")}
@@ -83,6 +84,8 @@ class Effect(Table):
     # its parameters are the spacecraft's as designed: uncertain also where something else is looked for
     nominal: ClassVar[bool] = False
     may_begin: ClassVar[bool] = False  # whether it has a time from which it acts
+    # values by field from which a diagnosis fits a strong one, where nothing else follows a recording
+    strong: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     # whether it changes what is measured of an arm, or commanded, and no torque of its joints
     on_readings: ClassVar[bool] = False
     kind: str
@@ -269,6 +272,14 @@ class Effect(Table):
         """Return name and size of the physical parameter that another, by name, is a factor on."""
         return {}
 
+    def estimated_sigmas(self, sigma: SigmaOf, relative: SigmaOf) -> Mapping[str, float]:
+        """Return by field how well it is known where an estimate has it in another form.
+
+        ``sigma`` gives an estimate's standard deviation of a parameter by its name, ``relative`` the same
+        over its value; not a number where the estimate does not have it.
+        """
+        return {}
+
     def moved_with(self, old: Effect, new: Effect) -> Effect:
         """Return it as it is said of the effect it is part of, where that has changed from old to new."""
         return self
@@ -276,6 +287,10 @@ class Effect(Table):
     def as_appendage(self) -> Appendage | None:
         """Return it as an appendage: rigid body, modes, stations; ``None`` where it is none."""
         return None
+
+    def asked(self) -> tuple[str, ...]:
+        """Return the fields that its torque columns are of."""
+        return tuple(p.name.removeprefix(f"{self.name}.") for p in self.parameters())
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
         """Return what motors must give for it, where that is linear in its parameters: an arm is identified

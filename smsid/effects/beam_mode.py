@@ -44,7 +44,7 @@ class BeamMode(BeamEffect):
 
     def moved_with(self, old: Effect, new: Effect) -> BeamMode:
         """Return it with the frequency and damping it had: they are relative to the beam's."""
-        plain, moved = (b.model_copy(update={"modes": self.mode}).modal_data()[-1] for b in (old, new))
+        plain, moved = (b.higher_mode(self.mode) for b in (old, new))
         frequency = (1.0 + self.frequency) * plain.frequency / moved.frequency - 1.0
         damping = plain.damping if self.damping is None else self.damping
         return self.model_copy(update={"frequency": frequency, "damping": damping})
@@ -78,4 +78,4 @@ class BeamMode(BeamEffect):
                 advice=f"It has {beam.modes} of its own; this effect adds a higher one, once.",
                 mode=self.mode,
             )
-        return beam.model_copy(update={"modes": self.mode}).modal_data()[-1]
+        return beam.higher_mode(self.mode)

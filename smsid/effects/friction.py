@@ -48,6 +48,8 @@ class JointFriction(JointEffect, Starting):
         for t in TERMS
         if t.law != "temperature"  # nothing at the reference temperature
     )
+    # of a strong one all other laws are special cases
+    strong = {"viscous": (1.0, 30.0), "coulomb": (1.0, 30.0)}
     changes = {
         "viscous": ("its drag has grown", "its drag has fallen"),
         "coulomb": ("its friction has grown", "its friction has fallen"),

@@ -23,6 +23,7 @@ class Payload(Effect):
     family = "inertia"
     aliases = ("body_error",)
     strength = ("mass",)
+    strong = {"mass": (5.0, 15.0, 50.0, 150.0, 500.0)}  # [kg]
     changes = {"mass": ("the payload is heavier", "the payload is lighter")}
     in_words = "{place} carries a mass that the description lacks"
     kind: Literal["payload"] = "payload"
@@ -50,6 +51,7 @@ class BodyError(Effect):
     family = "inertia"
     aliases = ("payload",)
     strength = ("mass", "first_moment", "inertia", "density")
+    strong = {"density": (1.0, -0.5)}
     shifted_body = "body"
     in_words = "the {shape} of {place} is not what the description says"
     kind: Literal["body_error"] = "body_error"

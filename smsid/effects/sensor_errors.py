@@ -74,6 +74,7 @@ class SensorScale(VectorEffect):
     summary = "wrong scale of a sensor"
     aliases = ("thruster_gain", "torque_gain", "body_error")
     strength = ("error",)
+    strong = {"error": (-2.0,)}
     quantities = tuple(q for q in UNITS if q != "attitude")
     value_field, term = "error", "scale_error"
     in_words = "{place} reads on another scale"

@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from smsid.description.schema import Description
-from smsid.effects.appendage import BeamAppendage, ModalAppendage
+from smsid.effects.appendage import ModalAppendage
 from smsid.effects.base import Effect
-
-as_beam = BeamAppendage.bent_as
 
 
 def linear_appendages(description: Description) -> tuple[Description, list[str]]:

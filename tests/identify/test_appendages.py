@@ -10,7 +10,7 @@ from smsid.effects.appendage import BeamAppendage, ModalAppendage
 from smsid.errors import DescriptionError
 from smsid.export import with_estimate
 from smsid.identify import identify
-from smsid.identify.appendages import as_beam, as_described, linear_appendages
+from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.estimate import Estimate, classify
 from smsid.identify.identified import identified_modes
 from smsid.identify.momentum_rows import carried_by_bus, carried_matrix
@@ -65,7 +65,7 @@ def test_a_beam_bends_as_the_identified_appendage():
     described = paper()
     panel, modal = described.get_effect("panel"), identified(described)
     assert isinstance(panel, BeamAppendage)
-    beam = described.with_effects(*as_beam(panel, modal))
+    beam = described.with_effects(*panel.bent_as(modal))
     expected = accelerations(described.with_effects(modal))
     np.testing.assert_allclose(accelerations(beam), expected, rtol=1e-10)
 

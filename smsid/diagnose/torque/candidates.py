@@ -116,8 +116,7 @@ def torque_candidates(
     if known:
         found += _bodies(equations)
     found += _users(equations)
-    taken = {(e.kind, getattr(e, "joint", None) or getattr(e, "joints", None)) for e in description.effect}
-    return tuple(c for c in found if not _listed(c, taken))
+    return tuple(c for c in found if not _listed(c, description.effect))
 
 
 def instance(candidate: TorqueCandidate, effects: Sequence[Effect]) -> Effect:
@@ -126,13 +125,17 @@ def instance(candidate: TorqueCandidate, effects: Sequence[Effect]) -> Effect:
     return next((e for e in effects if e.name == candidate.effect.name), candidate.effect)
 
 
-def _listed(candidate: TorqueCandidate, taken: set[tuple[str, Any]]) -> bool:
-    """Whether the description has the effect, so that its parameters are fitted anyway."""
-    effect = candidate.effect
-    place = getattr(effect, "joint", None) or getattr(effect, "joints", None)
-    if candidate.kind == "joint_friction" and candidate.shape not in ("viscous", "coulomb"):
-        return False  # those the rows of a listed friction do not have
-    return not candidate.moves and place is not None and (candidate.kind, place) in taken
+def _listed(candidate: TorqueCandidate, effects: Sequence[Effect]) -> bool:
+    """Whether the description has its columns, so that its parameters are fitted anyway."""
+
+    def place(effect: Effect | None) -> Any:
+        return getattr(effect, "joint", None) or getattr(effect, "joints", None)
+
+    own = candidate.effect
+    if own is None or candidate.moves or place(own) is None:
+        return False
+    has = {f for e in effects if (e.kind, place(e)) == (own.kind, place(own)) for f in e.asked()}
+    return {n.partition(".")[2] for n in candidate.names} <= has
 
 
 def _name(kind: str, location: str) -> str:
