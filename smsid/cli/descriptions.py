@@ -1,4 +1,4 @@
-"""Descriptions: `smsid new` writes a first one, `check` tells what is wrong, `regressor` how accurate."""
+"""Descriptions: ``smsid new`` drafts one, ``check`` tells what is wrong, ``regressor`` how accurate it is."""
 
 from __future__ import annotations
 

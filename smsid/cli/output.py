@@ -199,8 +199,8 @@ _KINDS = (
 )
 
 
-def told(notes: Iterable[str], *, everything: bool = False, most: int = MOST) -> list[str]:
-    """Return lines that tell notes: each once, those of one kind together, at most ``most`` lines.
+def told(notes: Iterable[str], *, everything: bool = False) -> list[str]:
+    """Return lines that tell notes: each once, those of one kind together, at most `MOST` lines.
 
     ``everything``: every note in full, in the order given.
     """
@@ -218,9 +218,9 @@ def told(notes: Iterable[str], *, everything: bool = False, most: int = MOST) ->
             several = "; " if any("," in x for x in names) else ", "
             text = sentence.format(count=len(own), items=several.join(names))
         lines.append(clipped(f"note: {text}"))
-    if len(lines) > most:
-        left = sum(len(own) for own in list(groups.values())[most - 1 :])
-        lines = [*lines[: most - 1], f"note: {left} more with --all"]
+    if len(lines) > MOST:
+        left = sum(len(own) for own in list(groups.values())[MOST - 1 :])
+        lines = [*lines[: MOST - 1], f"note: {left} more with --all"]
     return lines
 
 
