@@ -41,15 +41,8 @@ class Goal:
 
     def only(self, index: int) -> Goal:
         """Return the goal of one of its parameters."""
-        one = slice(index, index + 1)
-        return replace(
-            self,
-            names=self.names[one],
-            units=self.units[one],
-            values=self.values[one],
-            scales=self.scales[one],
-            gradients=self.gradients[one],
-        )
+        rows = ("names", "units", "values", "scales", "gradients")
+        return replace(self, **{key: getattr(self, key)[index : index + 1] for key in rows})
 
     def by(self, criterion: Criterion) -> Goal:
         """Return the goal by another criterion."""

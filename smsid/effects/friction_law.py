@@ -151,11 +151,8 @@ def closest_friction(effect: Any, limit: float) -> tuple[float, float, str]:
     if dry < 0.0:
         dry, damping = 0.0, rates @ torque / (rates @ rates)
     error = np.abs(torque - dry * np.sign(rates) - damping * rates).max()
-    return (
-        float(dry),
-        float(damping),
-        (
-            f"dry friction {dry:.4g} and damping {effect.viscous + damping:.4g} come closest up to a rate of "
-            f"{top:g}, within {error:.3g}"
-        ),
+    note = (
+        f"dry friction {dry:.4g} and damping {effect.viscous + damping:.4g} come closest up to a rate of "
+        f"{top:g}, within {error:.3g}"
     )
+    return float(dry), float(damping), note

@@ -138,9 +138,8 @@ def _geometry(shape: Shape) -> tuple[dict[str, Any], np.ndarray]:
     upright = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # three.js: axis along y
     match shape:
         case Box((x, y, z)):
-            return {"type": "BoxGeometry", "width": float(x), "height": float(y), "depth": float(z)}, np.eye(
-                4
-            )
+            size = {"width": float(x), "height": float(y), "depth": float(z)}
+            return {"type": "BoxGeometry", **size}, np.eye(4)
         case Sphere(radius):
             segments = {"widthSegments": 40, "heightSegments": 24}
             return {"type": "SphereGeometry", "radius": float(radius), **segments}, np.eye(4)

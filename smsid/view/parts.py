@@ -109,7 +109,7 @@ def _hull(part: Part, inside: list[np.ndarray], opacity: float) -> list[Part]:
 def inertia_parts(
     model: SpacecraftModel, paths: dict[int, str], shown: set[int], inside: list[np.ndarray], opacity: float
 ) -> list[Part]:
-    """Return the box of inertia of each body without visuals; see-through for the bus, like a visual."""
+    """Return boxes of inertia of bodies without visuals, the bus's see-through by points (3,) [m] inside."""
     bus = 1 if model.free else 0
     drawn = shown | {int(j) for j in model.wheels.joints} | {s.joint for s in model.slosh}
     parts = []
