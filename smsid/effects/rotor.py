@@ -8,7 +8,6 @@ import pinocchio as pin
 from smsid.effects.spatial import Motion
 from smsid.errors import DescriptionError
 
-
 SLIDING = ("JointModelP", "JointModelH")
 """How Pinocchio's joints of one coordinate are called that slide, or screw."""
 
