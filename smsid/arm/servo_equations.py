@@ -30,6 +30,9 @@ REST = 0.1
 SHARP = 0.02
 """Width of friction's sign, as a share of the rate's rms."""
 
+AGAIN = 2.0
+"""Encoder's steps within which a command has to come again for its steps to shake the joint unseen."""
+
 FEWEST = 3
 """Blocks in a row from which on a limit is believed."""
 
@@ -37,7 +40,9 @@ FEWEST = 3
 def with_position_errors(model: SpacecraftModel, recording: Recording) -> Recording:
     """Return the recording with position errors in the place of torques, command minus encoder.
 
-    A command is held: half a step to either side of an encoder's sample, its mean is taken.
+    A command is held, and an encoder does not see how its steps shake the joint between samples: a command
+    that comes again soon (`AGAIN`) is taken without what is periodic with it, for its mean over half an
+    encoder's step to either side, and from that mean, to second order, its value at the sample.
 
     Raises:
         RecordingError: there is no command, or as `with_joint_order`.
@@ -53,12 +58,19 @@ def with_position_errors(model: SpacecraftModel, recording: Recording) -> Record
     half = 0.5 * float(np.median(np.diff(times)))
     area = np.vstack([np.zeros(value.shape[1]), np.cumsum(np.diff(sent)[:, None] * value[:-1], axis=0)])
 
+    steps, slopes = np.append(np.diff(sent), np.inf), np.zeros(value.shape)
+    slopes[1:-1] = 0.5 * (value[2:] - value[:-2])
+    unseen = steps <= AGAIN * 2.0 * half
+
     def integral(at: np.ndarray) -> np.ndarray:
         k = np.clip(np.searchsorted(sent, at, side="right") - 1, 0, len(sent) - 1)
-        return area[k] + (at - sent[k])[:, None] * value[k]
+        since, step = at - sent[k], np.where(unseen, steps, 1.0)[k]
+        saw = np.where(unseen[k], 0.5 * since * (1.0 - since / step) - step / 12.0, 0.0)
+        return area[k] + since[:, None] * value[k] - saw[:, None] * slopes[k]
 
     inside = (times - half >= sent[0]) & (times + half <= sent[-1] + 2.0 * half)
     held = (integral(times + half) - integral(times - half)) / (2.0 * half)
+    held[1:-1] -= np.diff(held, 2, axis=0) / 24.0
     return Recording.from_arrays(
         times[inside],
         {encoder: angle[inside], f"{SOURCE}.joint_torque": (held - angle)[inside]},
@@ -91,9 +103,6 @@ def servo_equations(
         names.append(name)
         units.append("1")
 
-    # samples of the angle have their mean, the held command its integral: second order in the step
-    step = float(np.median(np.diff(motion.readings.position_time)))
-    signal -= step**2 / 24.0 * block_means(motion.a, torques.starts)
     angles = block_means(model.joint_angles(motion.q), torques.starts)
     for place, k in enumerate(model.arm_joints.v.tolist()):
         s = servos[k]

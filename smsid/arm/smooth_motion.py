@@ -31,10 +31,11 @@ class SmoothMotion:
     """Joint motion and torque at N instants, in the model's order of joints.
 
     Where torques are sampled far more often than the motion asks for, an instant has what its neighbours say
-    of its torque, without the curvature that their mean has. ``time`` (N,) [s], ``q`` (N, nq) configuration,
-    ``v``, ``a`` (N, nv) rates and accelerations [rad/s | m/s, per s], ``torque`` (N, nv) [N m | N],
-    ``stretch`` (N,) number of the stretch without gaps. ``joints`` say how well the motion is known.
-    ``temperature`` (N, nv) [degC] where it was measured.
+    of its torque, without the curvature that their mean has.
+
+    ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s | m/s,
+    per s], ``torque`` (N, nv) [N m | N], ``stretch`` (N,) number of the stretch without gaps. ``joints``
+    say how well the motion is known. ``temperature`` (N, nv) [degC] where it was measured.
     """
 
     time: np.ndarray

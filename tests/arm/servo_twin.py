@@ -42,9 +42,9 @@ def actuators(limits=(1e3, 1e3)) -> str:
     )
 
 
-def recorded(seed=0, seconds=20.0, noise=2e-5, limits=(1e3, 1e3), size=1.0) -> Recording:
+def recorded(seed=0, seconds=20.0, noise=2e-5, limits=(1e3, 1e3), size=1.0, coulomb=(0.5, 0.2)) -> Recording:
     """Commands at 100 Hz, held, and encoders at the same instants."""
-    text = MJCF.format(b=(0.5, 0.2), c=(0.5, 0.2), r=(0.15, 0.05), actuators=actuators(limits))
+    text = MJCF.format(b=(0.5, 0.2), c=coulomb, r=(0.15, 0.05), actuators=actuators(limits))
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     rng = np.random.default_rng(seed)

@@ -35,6 +35,13 @@ def test_gains_friction_and_rotors_are_inside_their_intervals(arm):
     assert np.mean(np.abs(scores) < 1.96) > 0.85 and np.abs(scores).max() < 4.0
 
 
+def test_steps_of_a_held_command_shake_no_rotor_wrong(arm):
+    log = recorded(0, noise=2e-6, coulomb=(1e-9, 1e-9))
+    found = identify_servos(arm, log).estimate
+    for name in ("rotor_j1.inertia", "rotor_j2.inertia"):  # 0.17 % where the steps are taken for a mean
+        assert found[name].value == pytest.approx(TRUTH[name], rel=4e-4)
+
+
 def test_a_torque_limit_is_found_and_does_not_spoil_the_rest(arm):
     log = recorded(1, limits=(11.7, 1e3))
     found = identify_servos(arm, log)

@@ -35,6 +35,18 @@ def test_errors_of_angle_rate_and_acceleration_are_as_large_as_told(rate, noise,
     assert found.sigma[1] < 0.05 * noise * rate
 
 
+def test_samples_far_closer_than_knots_lose_nothing_by_being_averaged(rng):
+    t = np.arange(0.0, 20.0, 1.0 / 2000.0)
+    samples = Samples(t, motion(t)[0] + 1e-4 * rng.normal(size=t.size), NONE, NONE)
+    found = smooth_joint([samples])
+    assert len(found.splines[0].c) < 0.1 * t.size
+    assert found.noise == pytest.approx(1e-4, rel=0.05)  # of a sample, not of a mean
+    inner = (t > found.edge) & (t < 20.0 - found.edge)
+    for d, sigma in enumerate(found.sigma):
+        error = (found.splines[0](t, nu=d) - motion(t)[d])[inner]
+        assert 0.5 * sigma < np.sqrt(np.mean(error**2)) < 1.5 * sigma
+
+
 def test_a_measured_rate_makes_the_motion_better_known(rng):
     t = np.arange(0.0, 20.0, 0.008)
     q, v, a = motion(t)
