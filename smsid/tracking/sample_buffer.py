@@ -12,7 +12,7 @@ import numpy as np
 
 MOST_EVENTS = 1000  # that are remembered; all are counted
 
-EventKind = Literal["late", "duplicate", "unknown channel", "not finite", "silence", "begun", "rebuilt"]
+EventKind = Literal["late", "duplicate", "unknown channel", "not finite", "silence", "begun", "lost"]
 
 
 @dataclass(frozen=True)
