@@ -55,6 +55,10 @@ def stream_command(
             help="a file that grows: go on until nothing was written for so long; without it, to its end",
         ),
     ] = 0.0,
+    lateness: Annotated[
+        float | None,
+        typer.Option(min=0.0, metavar="SECONDS", help="wait so long for samples that come out of order"),
+    ] = None,
     changes: Changes = False,
     save: SavedTracker = None,
 ) -> Outcome:
@@ -80,6 +84,7 @@ def stream_command(
         estimate=load_estimate(estimate) if estimate is not None else None,
         begin=begin,
         every=every,
+        lateness=lateness,
         false_alarms=FALSE_ALARMS if changes else None,
     )
     told, written = 0, []

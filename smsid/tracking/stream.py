@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,7 @@ class Stream:
         follow: as in `track_recordings`, like ``hold``, ``estimate``, ``cad``.
         begin: how much is looked at first [s].
         every: least time between results, of the telemetry [s].
+        lateness: samples may come late by so much [s]; as the tracker was saved with if not given, else zero.
         false_alarms: tell what changed (`ChangeDetector`), with so many false alarms per hour.
     """
 
@@ -60,11 +62,12 @@ class Stream:
         cad: Cad | None = UNCERTAIN,
         begin: float = BEGIN,
         every: float = 0.0,
+        lateness: float | None = None,
         false_alarms: float | None = None,
     ) -> None:
         self.description, self.tracker = description, tracker
         self.columns = Columns(build_model(description) if tracker is None else tracker.origin.base)
-        self.begin, self.every, self.false_alarms = begin, every, false_alarms
+        self.begin, self.every, self.false_alarms, self.lateness = begin, every, false_alarms, lateness
         self._asked = {"follow": follow, "hold": hold, "estimate": estimate, "cad": cad}
         self._first: list[Sample] = []
         self._ahead: list[Sample] = []
@@ -162,6 +165,9 @@ class Stream:
 
     def _watch(self, tracker: Tracker) -> None:
         self._events = tracker.log.total
+        if self.lateness is not None:
+            tracker.setting = replace(tracker.setting, lateness=self.lateness)
+            tracker.buffer.lateness = self.lateness
         if self.false_alarms is not None:
             self._detector = ChangeDetector.watch(tracker, false_alarms=self.false_alarms)
 

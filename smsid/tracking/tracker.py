@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.description.schema import Description
-from smsid.errors import RecordingError
+from smsid.errors import RecordingError, SimulationError
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import initial_belief
 from smsid.estimation.kalman import _input_covariance
@@ -32,6 +32,7 @@ from smsid.tracking.setting import Setting
 from smsid.tracking.update import TrackedState, Update
 
 SETTLE = 1.0  # [s] that is waited for every channel before the motion begins
+WARM = 10.0  # [s] within which a motion that is lost is that of another spacecraft
 CHUNK = 25  # samples whose commands are looked up at once
 PASS = 0.1  # [s] of samples that are filtered at once, before models are built anew
 QUATERNION = 4
@@ -112,6 +113,7 @@ class Tracker:
         self.buffer = SampleBuffer(TOGETHER * setting.substep, setting.lateness, self.log, setting.silence)
         self.commands = CommandMemory(model, setting.hold)
         self.moving = False
+        self._first = np.inf  # when the first motion began [s]
         self.samples = 0
         self._settling: list[Entry] = []
         self._before: np.ndarray | None = None
@@ -170,8 +172,8 @@ class Tracker:
         """Take in a sample of any sensors and return what the moments told whose time has come.
 
         One that is later than what was taken in already, comes twice or has channels that nobody described is
-        named in `log`, not used. Raises `RecordingError` for a channel of the wrong size, `SimulationError`
-        when the filter has lost the motion.
+        named in `log`, not used; a motion that is lost is, too, and begun anew. Raises `RecordingError` for a
+        channel of the wrong size, `SimulationError` when the motion is lost within `WARM` of the beginning.
         """
         self._receive(sample)
         return self._take_in(self.buffer.ready(), None)
@@ -192,7 +194,7 @@ class Tracker:
     def begin(self, belief: Belief, time: float) -> None:
         """Begin the motion at a time [s] with what is known of it; parameters go on from where they are."""
         if not np.isfinite(self.filter.time):
-            self.filter.time = time
+            self.filter.time = self._first = time
         self.filter.begin(belief, time)
         self.moving, self._before, self._settling = True, None, []
         self.log.add(time, "begun", "", "the motion begins")
@@ -218,7 +220,7 @@ class Tracker:
         if flight.problem.begin is None:
             raise RecordingError("The flight does not say how its motion begins.", advice="Use flight_of.")
         elapsed = 0.0 if start is None or not np.isfinite(time) else start - time
-        self.filter.time = first - max(elapsed, 0.0)
+        self.filter.time, self._first = first - max(elapsed, 0.0), first
         self.begin(flight.problem.begin, first)
         self.buffer.passed = -np.inf
 
@@ -273,9 +275,10 @@ class Tracker:
                 times = [self.time, *(e.time for e in entries)]
                 gap = np.flatnonzero(np.diff(times) > self.setting.silence)
                 count = int(gap[0]) if len(gap) else len(entries)
-                out += self._go_on(entries[:count], inputs)
-                entries = entries[count:]
-                if entries:
+                found = self._go_on(entries[:count], inputs)
+                out += found
+                entries = entries[count if self.moving else len(found) + 1 :]
+                if entries and self.moving:
                     text = f"nothing came for {entries[0].time - self.time:.3g} s: the motion begins anew"
                     self.log.add(entries[0].time, "silence", "", text)
                     self.moving = False
@@ -333,7 +336,13 @@ class Tracker:
             read = values[here].copy()
             if reached[0] > done:  # where this pass begins was read by the one before
                 read[0] = np.nan
-            record = f.go_on(times[here], drive.part(done, last), read, attitudes[here])
+            try:
+                record = f.go_on(times[here], drive.part(done, last), read, attitudes[here])
+            except SimulationError:
+                if self.time < self._first + WARM:
+                    raise
+                self._lose()
+                return out
             f.time = float(times[last])  # of the entry, not summed up
             self.commanded = known
             before = done
@@ -353,6 +362,16 @@ class Tracker:
         if len(times) > 1:
             self._before = drive.before[-1]
         return out
+
+    def _lose(self) -> None:
+        """Say that the motion is lost, and begin anew, parameters too: what was believed has led there."""
+        f, start = self.filter, self.start
+        self.log.add(f.time, "lost", "", "the motion is lost; it and the parameters begin anew")
+        f.values = start.mean.copy()
+        f.covariance = f.covariance.copy()
+        f.covariance[f.parameters, f.parameters] = start.covariance / np.outer(f.scales, f.scales)
+        f.linearise_at(f.values, f.sigmas())
+        self.moving, self._settling = False, []
 
     def _stack(self, entry: Entry, values: np.ndarray, attitudes: np.ndarray) -> None:
         """Write the readings of a moment (rows,), and its attitudes (a, 4); what is not there stays."""

@@ -31,7 +31,7 @@ from smsid.tracking.setting import Setting
 from smsid.tracking.tracker import Tracker
 
 SCHEMA = "smsid.tracker"
-VERSION = 3
+VERSION = 4
 STATE = ("q", "v", "unknown", "values", "covariance")
 PASSED = ("edges", "readings", "attitudes", *Drive._fields[:8])
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers give equal bytes
@@ -66,6 +66,7 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
         "notes": tracker.start.notes,
         "time": f.time,
         "moving": tracker.moving,
+        "first": tracker._first,
         "samples": tracker.samples,
         "watch": asdict(tracker.watch),
         "rebuilt": f.rebuilt,
@@ -133,6 +134,7 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     watch = document["watch"]
     squares = {name: (mean, count) for name, (mean, count) in watch["squares"].items()}
     tracker.watch = FitWatch(watch["widening"], watch["component"], squares)
+    tracker._first = document["first"]
     tracker.moving, tracker.samples = document["moving"], document["samples"]
     tracker._before = arrays.get("before")
     tracker._unknown_channels = set(document["unknown_channels"])

@@ -14,6 +14,7 @@ from smsid.errors import SmsidError
 from smsid.export.mjcf import write_mjcf
 from smsid.model import build_model
 from smsid.simulate import Constant, Inputs, simulate
+from smsid.tracking import Sample, Tracker
 from tests.estimation.satellite import Satellite, guess
 
 USE = 0.02  # [kg / (N s)]: far more than any thruster uses
@@ -120,6 +121,22 @@ def test_without_consumption_nothing_changes(tmp_path):
 def test_it_is_exported_nowhere_and_says_why(tmp_path):
     with pytest.raises(SmsidError, match="fuel"):
         write_mjcf(build_model(craft(tmp_path)))
+
+
+def test_what_was_used_stays_so_where_the_motion_is_begun_anew(tmp_path):
+    d = craft(tmp_path)
+    tracker = Tracker(d, follow={"bus.m": 0.0})
+    push = {"command.force": np.array([2.0, 0.0, 0.0]), "gyro.angular_rate": np.zeros(3)}
+    push |= {"tacho.wheel_rate": np.zeros(3), "st.attitude": np.eye(4)[3], "gyro.acceleration": np.zeros(3)}
+    for t in np.arange(0.0, 2.05, 0.1):
+        tracker.update(Sample(float(t), push))
+    model = tracker.origin.base
+    assert impulse_of(model, tracker.state.v) == pytest.approx(4.0, abs=0.5)
+    before = impulse_of(model, tracker.state.v)
+    for t in (50.0, 50.1):
+        tracker.update(Sample(t, push))
+    assert tracker.log.counts["begun"] == 2
+    assert impulse_of(model, tracker.state.v) == pytest.approx(before + 0.2, abs=0.05)
 
 
 @pytest.mark.parametrize("wrong", ({"law": "table"}, {"start": 1.0}, {"law": "table", "fills": (1.0, 0.5)}))

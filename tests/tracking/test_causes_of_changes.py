@@ -22,6 +22,7 @@ GUESS = Satellite(tank=(1e-9, 1e-9, 1e-9), centre=(0.0, 0.0, 0.0))
 AT, AFTER = 20.0, 26.0  # [s]
 GRASPED = np.array([[4.0, 0.5, 0.0], [0.5, 3.0, -0.4], [0.0, -0.4, 6.0]])  # [kg m^2]
 LEAK = np.array([0.05, 0.0, -0.03]), np.array([0.004, -0.002, 0.001])  # [N], [N m]
+HEAVY = 60.0  # times `GRASPED`
 DRAG = 2e-3  # [N m s/rad] of the first wheel
 FOLLOW: dict[str, float | None] = dict.fromkeys(
     (
@@ -192,3 +193,14 @@ def test_a_large_jump_of_a_frequency_is_measured(tmp_path, share):
     off[k] -= (share - 1.0) * GUESS.panel[0]
     assert tracker.sigmas[k] < 1e-3 * GUESS.panel[0]
     assert np.abs(off / tracker.sigmas).max() < 4.0
+
+
+def test_a_body_several_times_as_heavy_as_the_craft_is_measured(description, truth, before):
+    """What a linear filter makes of it is far off, in size and in time: begun there, the motion is lost."""
+    (change, *_) = watched(description, flown(truth, before, after=heavier(HEAVY)))
+    assert change.group == "bus" and change.alarm - AT < 2.0
+    assert abs(change.began - AT) <= change.grid + 0.1
+    jumps = dict(zip(change.names, zip(change.jumps, change.sigmas, strict=True), strict=True))
+    for name, true in inertia_of(HEAVY).items():
+        jump, sigma = jumps[name]
+        assert abs(jump - true) < 4.0 * sigma, (name, jump, true, sigma)

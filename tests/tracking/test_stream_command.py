@@ -55,6 +55,20 @@ def test_a_played_recording_is_followed(folder):
     np.testing.assert_array_equal(tracker.values, list(found[-1]["parameters"].values()))
 
 
+def test_samples_out_of_order_are_waited_for_if_asked(folder):
+    head, *lines = play(folder / "flight.nc").splitlines(keepends=True)
+    for k in range(0, len(lines) - 1, 2):
+        lines[k : k + 2] = lines[k + 1], lines[k]
+    mixed = "".join([head, *lines])
+    _, ordered = stream(folder, lines=play(folder / "flight.nc"))
+    _, named = stream(folder, lines=mixed)
+    assert [x for x in named if x.get("event") == "late"]
+    _, waited = stream(folder, "--lateness", "0.25", lines=mixed)
+    assert not [x for x in waited if "event" in x]
+    for name, value in results(ordered)[-1]["parameters"].items():
+        assert results(waited)[-1]["parameters"][name] == pytest.approx(value, rel=1e-6)
+
+
 def test_columns_go_by_their_labels(folder):
     """Wheels in another order tell the same."""
     one = load_recording(folder / "flight.nc")

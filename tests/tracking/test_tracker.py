@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.errors import DescriptionError, RecordingError
+from smsid.errors import DescriptionError, RecordingError, SimulationError
 from smsid.estimation.flight import FlightOptions
 from smsid.tracking import Sample, Tracker, load_tracker, save_tracker, track_recordings
 from smsid.tracking.sample import samples_of
@@ -133,8 +133,8 @@ def test_a_saved_tracker_of_another_version_or_craft_is_refused(description, sam
     path = save_tracker(tracker, tmp_path / "state.npz")
     with pytest.raises(RecordingError, match="another description"):
         load_tracker(path, craft(tmp_path / "other", off=0.2))
-    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 4)
-    with pytest.raises(RecordingError, match="version 3; this smsid reads 4"):
+    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 5)
+    with pytest.raises(RecordingError, match="version 4; this smsid reads 5"):
         load_tracker(path, description)
     path.write_bytes(json.dumps({}).encode())
     with pytest.raises(RecordingError, match="no saved tracker"):
@@ -238,3 +238,22 @@ def test_what_is_missing_widens_bands_and_moves_nothing(description, samples):
     assert np.abs((thinned.values - whole.values) / thinned.sigmas).max() < 3.0
     for tracker in (whole, thinned):  # begun 5 % off: filtered again about better and better values
         assert np.abs((tracker.values - true_inertia()) / tracker.sigmas).max() < 4.0
+
+
+def test_a_motion_that_is_lost_is_told_and_begun_anew(description, samples):
+    """A reading beyond all bounds throws the filter off; at the beginning it is another spacecraft's."""
+
+    def struck(at):
+        wild = {"gyro.angular_rate": np.full(3, 1e15)}
+        return [replace(s, channels=s.channels | wild) if abs(s.time - at) < 0.01 else s for s in samples]
+
+    sound, tracker = streaming(description), streaming(description)
+    sound.update_all(samples)
+    tracker.update_all(struck(12.0))
+    lost = [e for e in tracker.log.last if e.kind == "lost"]
+    assert len(lost) == 1 and 11.5 < lost[0].time < 12.5
+    assert tracker.time == pytest.approx(sound.time) and tracker.samples > 0.9 * sound.samples
+    assert np.abs((tracker.values - true_inertia()) / tracker.sigmas).max() < 4.0
+    assert (tracker.sigmas > sound.sigmas).all()  # by the last eight seconds only
+    with pytest.raises(SimulationError, match="lost the recording"):
+        streaming(description).update_all(struck(5.0))
