@@ -13,7 +13,7 @@ import pytest
 from .catalogue import hidden_effects
 from .judge import Injected
 from .plan import Run, inject
-from .study import diagnosis_of, judged, run_and_judge, tamed
+from .study import diagnosed, diagnosis_of, judged, run_and_judge, tamed
 
 pytest.importorskip("smsid.diagnose")
 
@@ -112,6 +112,22 @@ def test_a_beginning_is_sought_again_at_the_noise(tmp_path):
     assert row["outcome"] in RIGHT and row["alone"], row["sentence"]
     (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
     assert abs(cause["onset"] - onset) < 0.02
+
+
+def test_what_is_proven_is_named_beside_what_no_cause_explains(tmp_path):
+    """A ripple at another joint, which the catalogue has not; the motor's gain is written all the same."""
+    effects = (("outside:torque_ripple@joint1", 10.0), ("torque_gain:error@joint3", 30.0))
+    run, files = tamed(hide(23, "pair", "arm", *effects), tmp_path)
+    made, document = diagnosed(files, tmp_path)
+    assert document["verdict"] == "unexplained"
+    (cause,) = document["causes"]
+    assert (cause["effect"], cause["location"]) == ("torque_gain", "joint3")
+    (value,) = cause["parameters"]
+    assert abs(value["value"] - run.hidden[1].value) < 3.0 * value["sigma"]
+    assert "What stands all the same: torque constant" in document["sentence"]
+    assert document["remaining"][0]["where"] == "torque of joint1"
+    (written,) = (e for e in made.extended.effect if e.kind == "torque_gain")
+    assert written.error == value["value"]
 
 
 @pytest.mark.slow
