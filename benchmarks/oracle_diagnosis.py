@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,7 @@ def main() -> None:
         found = diagnose(description, [recording], estimate=estimate, rate=rate)
         row = judged(name, found) | {
             "rate": rate,
+            "date": str(date.today()),
             "panel_identified_on": IDENTIFIED.get(name, "the recording itself"),
             "seconds_of_cpu": round(time.process_time() - began, 1),
         }

@@ -76,7 +76,8 @@ def higher_modes(point: Point, problem: Problem) -> Iterator[HigherMode]:
         beam: Appendage = joints.appendage
         if not (beam.name in seen and model.free and joints.parent == 1):
             continue
-        has = {m.number for m in joints.more}
+        further = (e for e in point.description.effect if e.needs_beam and e.part_of() == beam.name)
+        has = {getattr(e, "mode", 0) for e in further}
         missing = [n for n in range(len(joints.joints) + 1, MOST_MODES + 1) if n not in has]
         for number in missing[:FURTHER]:
             mode = beam.higher_mode(number)

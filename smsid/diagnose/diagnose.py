@@ -205,20 +205,18 @@ def _diagnose(
             found = searched(problem, found.nominal.point, found)
     seen, every = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *every))
-    named, partial = every, ()
+    named, partial, by, hints = every, (), found, []
     if decided == "unexplained":
         # what explains a part only is a hint: a cause outside the catalogue looks like several within
-        named = () if is_piecewise_drift(every) else standing(found, every)
-        partial = tuple(c for c in every if all(c is not n for n in named))
-        _, sentence = verdict(found, (*seen, *every), (*seen, *named))
-    hints = [
-        c.score.candidate
-        for c, said in zip(found.causes, every, strict=True)
-        if any(said is p for p in partial)
-    ]
+        by, stand = (found, ()) if is_piecewise_drift(every) else standing(found, every)
+        stand = stand or (False,) * len(every)
+        named = tuple(c for c, yes in zip(causes(by), stand, strict=True) if yes) if any(stand) else ()
+        partial = tuple(c for c, yes in zip(every, stand, strict=True) if not yes)
+        hints = [c.score.candidate for c, yes in zip(found.causes, stand, strict=True) if not yes]
+        _, sentence = verdict(found, (*seen, *every), (*seen, *named), partial)
     extended, told = description, ()
     if decided == "explained" or named:
-        extended, told = with_inertial_shifts(found, hints)
+        extended, told = with_inertial_shifts(by, hints)
     gained, reason = _gain(known.point, found, validation, rate, faults)
     foreign = _foreign(found)
     if foreign:

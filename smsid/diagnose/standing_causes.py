@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from smsid.diagnose.model_comparison import Cause, wald
 from smsid.diagnose.plausibility import LEFT, OF_JOINTS, impossible
 from smsid.diagnose.result import FoundCause
+from smsid.diagnose.specification_tests import adequacy
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.unknown_input_test import LOUD, NEAR, disturbances, inputs_of
@@ -20,29 +21,30 @@ from smsid.estimation.map_estimate import Fit, fit
 
 LOGGER = logging.getLogger(__name__)
 MOSTLY = THRESHOLDS.mostly
-AGREE = 3.0  # standard deviations
+PEELED = 3  # equations and channels at most that are taken as unknown
 
 
-def standing(found: Search, named: Sequence[FoundCause]) -> tuple[FoundCause, ...]:
-    """Return the causes of a search that stand whatever is left elsewhere; ``named`` are all of them.
+def standing(found: Search, named: Sequence[FoundCause]) -> tuple[Search, tuple[bool, ...]]:
+    """Return which causes of a search stand whatever is left elsewhere, and the search with the fit that says
+    how large they are; ``named`` are all of them.
 
     Their values can be, nothing of another place looks like them, and
     - where misfit is counted, nine tenths of the squared errors of their own components went with them, and
       what is left there is not above three times its noise;
-    - else they are needed, and are what they are, also where the equations and channels that still depend on
-      something are taken as unknown.
+    - else they are needed also where the equations and channels that still depend on something are taken as
+      unknown, and act at none of these. Their values are those they have then: before, they bent to the rest.
     """
-    rest = None if found.misfit else _rest_unknown(found)
+    rest = None if found.misfit or not named else _rest_unknown(found)
     out = []
     for cause, told in zip(found.causes, named, strict=True):
-        own = cause.score.candidate
         alone = all((a.location, a.family) == (told.location, told.family) for a in told.aliases)
         if not alone or impossible(told):
-            continue
-        if _explained(found, cause) if found.misfit else _needed(found, cause, rest):
-            LOGGER.info("%s stands", own.key)
-            out.append(told)
-    return tuple(out)
+            out.append(False)
+        elif found.misfit:
+            out.append(_explained(found, cause))
+        else:
+            out.append(rest is not None and _needed(found, cause, *rest))
+    return found if rest is None else replace(found, last=rest[0]), tuple(out)
 
 
 def own_components(found: Search, cause: Cause) -> np.ndarray:
@@ -72,47 +74,57 @@ def _explained(found: Search, cause: Cause) -> bool:
     return gone >= MOSTLY and float(after.max()) <= LEFT
 
 
-def _needed(found: Search, cause: Cause, rest: Fit | None) -> bool:
+def _needed(found: Search, cause: Cause, rest: Fit, lost: Collection[str]) -> bool:
+    """Whether a cause is needed with the equations and channels ``lost`` unknown, and is at none of them."""
     own = cause.score.candidate
-    joint = {f"torque of {own.location}"}
-    lost = {t.where for t in found.left}
-    if rest is None or lost & joint or any(_at(own.location, where) for where in lost):
+    if any(_at(own.location, where) for where in lost):
         return False
-    names = [u.name for u in found.last.unknowns]
-    sigma = np.sqrt(np.diag(rest.covariance()))
-    for name in own.free:
-        i = names.index(name)
-        u = rest.unknowns[i]
-        if abs(rest.point.value(u) - found.last.point.value(u)) > AGREE * sigma[i]:
-            return False
     chance = 0.5 * cause.score.sides * found.candidates * float(chi2.sf(wald(rest, own), len(own.free)))
-    return chance < THRESHOLDS.further
+    return chance < found.levels.further
 
 
 def _at(place: str, where: str) -> bool:
-    """Whether a channel or component is one of a sensor, or a part of the place."""
-    return where == place or where.startswith((f"{place}[", f"{place}.")) or place.startswith(f"{where}[")
+    """Whether an equation or channel of a generic test is that of a place, or may be.
 
-
-def _rest_unknown(found: Search) -> Fit | None:
-    """Return the last fit made again with noise on the inputs that still depend on something, and without the
-    channels that do; nothing where that cannot be fitted.
+    What acts on the bus may be anything.
     """
-    last, inputs = found.last, inputs_of(found.last)
-    data, run = last.problem.data, last.run
-    lost = {t.where for t in found.left}
-    dofs = sorted({dof for name in lost for dof in inputs.get(name, ())})
+    of = where.removeprefix("torque of ").removeprefix("slosh ").removeprefix("mode ")
+    on_bus = of.endswith(tuple(f" on the bus along {axis}" for axis in "xyz"))
+    return on_bus or of == place or of.startswith((f"{place}[", f"{place}.")) or place.startswith(f"{of}[")
+
+
+def _rest_unknown(found: Search) -> tuple[Fit, set[str]] | None:
+    """Return the last fit made again with what is left taken as unknown, and the names of that; nothing where
+    it cannot be fitted or something is still left.
+
+    One after the other, the worst first: what it leaves shows in its neighbours, too.
+    """
+    lost, here = set[str](), found
+    for _ in range(PEELED):
+        left = [t for t in here.left if t.where not in lost]
+        if not left:
+            return here.last, lost
+        lost.add(max(left, key=lambda t: t.ratio / max(t.freedom, 1)).where)
+        try:
+            fitted = _without(found.last, lost)
+            here = replace(found, last=fitted, blocks=tuple(adequacy(fitted)))
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("nothing stands without %s: %s", ", ".join(lost), error)
+            return None
+        LOGGER.info("without %s is left: %s", lost, [(t.where, t.dependence) for t in here.left])
+    return None if any(t.where not in lost for t in here.left) else (here.last, lost)
+
+
+def _without(last: Fit, lost: Collection[str]) -> Fit:
+    """Return a fit with noise on the inputs of equations, and without the readings of channels."""
+    data, run, inputs = last.problem.data, last.run, inputs_of(last)
     _, known = disturbances(run)
+    dofs = sorted({dof for name in lost for dof in inputs.get(name, ())})
     loud = tuple((d, float(np.sqrt(LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
     out = np.zeros(data.values.shape, dtype=bool)
     for block in data.blocks:
-        own = [block.channel in lost or name in lost for name in block.names]
-        out[:, block.rows] = own
+        out[:, block.rows] = [block.channel in lost or name in lost for name in block.names]
     out[list(run.begins)] = False  # where the filter begins is read from there
     noise = replace(last.problem.noise, more=(*last.problem.noise.more, *loud))
     problem = replace(last.problem, data=data.without(out), noise=noise)
-    try:
-        return fit(last.point, last.unknowns, problem, iterations=4, enough=NEAR)
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("nothing stands without what is left: %s", error)
-        return None
+    return fit(last.point, last.unknowns, problem, iterations=4, enough=NEAR)

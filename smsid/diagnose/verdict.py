@@ -187,26 +187,31 @@ def tested(blocks: Sequence[SpecificationTest], tests: int) -> tuple[Remaining, 
 
 
 def verdict(
-    found: Search, named: Sequence[FoundCause], standing: Sequence[FoundCause] = ()
+    found: Search,
+    named: Sequence[FoundCause],
+    standing: Sequence[FoundCause] = (),
+    hints: Sequence[FoundCause] | None = None,
 ) -> tuple[Verdict, str]:
     """Return the verdict and one sentence; ``named`` are all causes, faults of samples among them.
 
-    Those ``standing`` are causes also where it is ``unexplained``; the others are parts of an explanation.
+    Where it is ``unexplained``, those ``standing`` are causes all the same, and ``hints`` (all, if not given)
+    parts of an explanation.
     """
     left, words = found.left, _in_words(named)
+    hints = named if hints is None else hints
     doubted = next((d for d in (doubts(found, c) for c in named) if d), "")
     if doubted:
-        hints = _in_words([c for c in named if all(c is not s for s in standing)])
-        what = f": what would ({hints}) is not believed, as {doubted}." if hints else f", as {doubted}."
+        what = f": what would ({_in_words(hints)}) is not believed" if hints else ""
+        what += f", as {doubted}."
         return "unexplained", f"The simulation does not explain the recording{what}{_parts((), standing)}"
     if found.misfit:
-        return _with_misfit(found, named, standing)
+        return _with_misfit(found, named, standing, hints)
     if left:
         worst = (*found.left_before, *left)[0]
         what = f"{worst.where} depends on {worst.dependence}"
         sentence = f"The simulation does not explain the recording: {what}, and no cause fits it."
         beside = f"; beside it {left[0].where} still depends on {left[0].dependence}"
-        return "unexplained", sentence + _parts(named, standing, beside)
+        return "unexplained", sentence + _parts(hints, standing, beside)
     if is_piecewise_drift(named):
         sentence = (
             f"The simulation does not explain the recording: {words}; that begins in turn, as the pieces"
@@ -236,15 +241,17 @@ def _in_words(causes: Sequence[FoundCause]) -> str:
     return "; ".join(describe(c) for c in causes)
 
 
-def _parts(named: Sequence[FoundCause], standing: Sequence[FoundCause], beside: str = "") -> str:
+def _parts(hints: Sequence[FoundCause], standing: Sequence[FoundCause], beside: str = "") -> str:
     """Return which causes stand where the whole does not, and which explain a part only."""
-    hints = [c for c in named if all(c is not s for s in standing)]
     told = f" What stands all the same: {_in_words(standing)}." if standing else ""
     return told + (f" Explaining a part: {_in_words(hints)}{beside}." if hints else "")
 
 
 def _with_misfit(
-    found: Search, named: Sequence[FoundCause], standing: Sequence[FoundCause]
+    found: Search,
+    named: Sequence[FoundCause],
+    standing: Sequence[FoundCause],
+    hints: Sequence[FoundCause],
 ) -> tuple[Verdict, str]:
     """The model still strays: causes are named where they take away most of it, the rest is stated."""
     words = _in_words(named)
@@ -255,7 +262,7 @@ def _with_misfit(
     if words and found.followed >= MOSTLY:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
     sentence = f"The simulation does not follow the recording: {rest}, and no cause fits it."
-    return "unexplained", sentence + _parts(named, standing)
+    return "unexplained", sentence + _parts(hints, standing)
 
 
 def _plainly(cause: FoundCause, p: Value) -> str:

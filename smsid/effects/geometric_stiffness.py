@@ -77,6 +77,7 @@ class Foreshortening:
         # shapes are normalised to mean square 1: mass-normalised ones are these over sqrt(mass)
         self.a, self.b = factor * a, factor * b
         self.c = factor / np.sqrt(beam.mass) * deflected_moments(beam.length, beam.modes)
+        self.c_flat = self.c.reshape(len(self.c), -1)  # a contraction of it takes long in this small
         self.q = np.array([model.joints[j].idx_q for j in panel.joints])
         self.v = np.array([model.joints[j].idx_v for j in panel.joints])
         self.rows = 6 + np.arange(len(panel.joints))
@@ -102,7 +103,7 @@ class Foreshortening:
         a_eta, b_eta = self.a @ eta, self.b @ eta
         s, s_dot = 0.5 * eta @ a_eta, rate @ a_eta
         r, r_dot = 0.5 * eta @ b_eta, rate @ b_eta
-        rises, sinks = self.c @ eta, np.tensordot(eta, self.c, 1)  # of u by w's coordinate, of w by u's
+        rises, sinks = self.c @ eta, (eta @ self.c_flat).reshape(n, n)  # of u by w's coordinate, of w by u's
         across, along = 0.5 * rises @ eta, sinks @ eta
         swing, p, p_dot = across - along, eta @ across, rate @ (across + along)
         by_eta = rises - rises.T - sinks  # derivatives of swing

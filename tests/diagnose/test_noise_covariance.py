@@ -83,6 +83,19 @@ def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
         assert abs(off) < 0.5 * sound.fit.sigma(u.name)
 
 
+def test_misfit_stays_in_the_channels_that_are_wrong(known, problem):
+    """Two sensors err far: every other one bears it at first, and none in the end."""
+    values = problem.data.values.copy()
+    wrong = [n for n in problem.data.names if n.startswith(("panel.acceleration", "imu.angular_rate[y]"))]
+    rows = [problem.data.names.index(n) for n in wrong]
+    values[:, rows] += 3e3 * problem.data.sigma[rows] * np.sin(0.4 * problem.data.times)[:, None]
+    far = replace(problem, data=replace(problem.data, values=values))
+    found = with_levels(first_fit(known.point, far, known.unknowns))
+    assert found.misfit and not found.alone
+    assert found.factors[rows].min() > 100.0
+    assert np.delete(found.factors, rows).max() < 3.0
+
+
 def test_a_model_that_is_wrong_all_over_is_misfit_still(known, problem):
     wrong = replace(problem, data=problem.data.scaled(np.full(problem.data.rows, 1e-3)))
     assert with_levels(first_fit(known.point, wrong, known.unknowns[:1])).misfit

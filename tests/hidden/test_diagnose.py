@@ -10,12 +10,16 @@ import json
 import numpy as np
 import pytest
 
+from smsid.description import load_description
+from smsid.identify.estimate import load_estimate
+from smsid.recording import load_recording
+
 from .catalogue import hidden_effects
 from .judge import Injected
 from .plan import Run, inject
 from .study import diagnosis_of, judged, run_and_judge, tamed
 
-pytest.importorskip("smsid.diagnose")
+diagnose = pytest.importorskip("smsid.diagnose").diagnose
 
 RIGHT = ("right", "right_by_alias")
 OPEN = ("unexplained", "right_family")
@@ -112,6 +116,23 @@ def test_a_beginning_is_sought_again_at_the_noise(tmp_path):
     assert row["outcome"] in RIGHT and row["alone"], row["sentence"]
     (cause,) = json.loads((tmp_path / "diagnosis.json").read_text())["causes"]
     assert abs(cause["onset"] - onset) < 0.02
+
+
+def test_what_is_proven_is_named_beside_what_no_cause_explains(tmp_path):
+    """A ripple at another joint, which the catalogue has not; the motor's gain is written all the same."""
+    effects = (("outside:torque_ripple@joint1", 10.0), ("torque_gain:error@joint3", 30.0))
+    run, files = tamed(hide(23, "pair", "arm", *effects), tmp_path)
+    recording, estimate = load_recording(files.recording), load_estimate(files.estimate)
+    made = diagnose(load_description(files.description), [recording], estimate=estimate, rate=10.0)
+    d = made.diagnosis
+    assert d.verdict == "unexplained"
+    (cause,) = d.causes
+    assert (cause.effect, cause.location) == ("torque_gain", "joint3")
+    (value,) = cause.parameters
+    assert abs(value.value - run.hidden[1].value) < 3.0 * value.sigma
+    assert "What stands all the same: torque constant" in d.sentence
+    (written,) = (e for e in made.extended.effect if e.kind == "torque_gain")
+    assert written.error == value.value
 
 
 @pytest.mark.slow
