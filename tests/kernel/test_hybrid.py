@@ -29,7 +29,7 @@ def moving(model: SpacecraftModel, group, seed: int):
 
 
 def drive(model: SpacecraftModel, *, held: bool) -> Drive:
-    """Return prescribed joints and wheels, thrust that jumps, and the rest free (the attitude unless held)."""
+    """Return prescribed joints and wheels, thrust that jumps, the rest free (attitude unless held)."""
     locked = {int(i) for i in (*model.arm_joints.v, *model.wheels.v)} | ({3, 4, 5} if held else set())
     free = np.array([i for i in range(model.nv) if i not in locked])
     force = np.array([[5.0, -2.0, 1.0, 0.3, 0.2, -0.4], [-1.0, 4.0, 2.0, -0.2, 0.5, 0.1]])
