@@ -48,8 +48,8 @@ class MeasuredMotion:
     white noise on samples of the angle, or of the rate, taken ``per`` second, would need to be as uncertain
     in band as the fit: its mean variance times samples over coefficients. ``information`` (k, 6, m) of the
     coefficients (m, k) as `bands`. ``samples`` are what it was fitted to, ``sensor`` what took them.
-    ``clock`` (offset [s], drift [1]) is what their clock shows too much: the spline runs by that clock, `values` by the true
-    one. ``rate`` [Hz] is that of the densities.
+    ``clock`` (offset [s], drift [1]) is what their clock shows too much: the spline runs by that clock,
+    `values` by the true one. ``rate`` [Hz] is that of the densities.
     """
 
     spline: BSpline
