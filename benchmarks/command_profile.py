@@ -68,9 +68,9 @@ def main() -> None:
             shares["work"] = round(max(0.0, 1.0 - sum(shares.values())), 3)
             rows[label] = {"seconds_profiled": round(stats.total_tt, 2), **shares}
             print(label, json.dumps(rows[label]), flush=True)
-    above = [f"{c}: {p}" for c, row in rows.items() for p in PARTS if row[p] > 0.2]
-    result = {"environment": environment("pin", "numpy", "scipy"), "commands": rows, "above_a_fifth": above}
-    print(write_result("command_profile", result))
+            above = [f"{c}: {p}" for c, row in rows.items() for p in PARTS if row[p] > 0.2]
+            found = {"commands": rows, "above_a_fifth": above}
+            write_result("command_profile", {"environment": environment("pin", "numpy", "scipy"), **found})
 
 
 if __name__ == "__main__":
