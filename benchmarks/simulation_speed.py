@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -111,7 +112,9 @@ def tune(engine: Engine, case: Case, expected: np.ndarray, criterion: str) -> tu
 def measure(name: str, rounds: int) -> dict[str, Any]:
     """Tune all engines of one case and time them in turn."""
     case, makers, left_out = cases()[name]
-    engines = {label: make(case) for label, make in makers.items()}
+    present = {label for label in makers if not label.startswith("Basilisk") or find_spec("Basilisk")}
+    left_out = {**left_out, **{label: "not installed" for label in makers if label not in present}}
+    engines = {label: make(case) for label, make in makers.items() if label in present}
     expected = engines["smsid"].run(REFERENCE)[1]
     checker = next(engine for label, engine in engines.items() if label.startswith("MuJoCo"))
     result: dict[str, Any] = {"not_measured": left_out}

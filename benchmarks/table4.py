@@ -29,6 +29,7 @@ from _table4_text import markdown  # noqa: E402
 from smsid._files import atomic_write  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.description import load_description  # noqa: E402
+from smsid.kernel.jit import SWITCH  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 from smsid.paper.table4 import CONTROLLERS, INTEGRATED_GYRO, Case, Run, Study, Variant, cases  # noqa: E402
 from smsid.paper.table4_study import improvements, orderings, printed, summarise  # noqa: E402
@@ -65,6 +66,26 @@ def fly(variant: str, case: str, controller: str, draws: list[int]) -> list[Run]
     return study(variant).fly_many(chosen, controller, draws)
 
 
+def measure_speed(draws: int) -> None:
+    """Fly ``draws`` of case D both ways in one run, compiled and plain, and write seconds and their ratio."""
+    chosen = next(c for c in cases() if c.name == "D")
+    seconds: dict[str, dict[str, float]] = {}
+    for way, switch in (("compiled", "1"), ("plain", "0")):
+        os.environ[SWITCH] = switch
+        study(MAIN.name).fly_many(chosen, "hinf", [0])  # what is compiled or read from the disk once
+        wall, cpu = time.perf_counter(), time.process_time()
+        study(MAIN.name).fly_many(chosen, "hinf", list(range(draws)))
+        seconds[way] = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
+    result = {
+        "environment": environment("pin", "numpy", "scipy", "numba"),
+        "what": "case D under the H-infinity controller, draws side by side in threads, seconds for all",
+        "draws": draws,
+        "seconds": seconds,
+        "plain over compiled": {k: seconds["plain"][k] / seconds["compiled"][k] for k in ("wall", "cpu")},
+    }
+    print(result, write_result("table4_speed", result))
+
+
 def known() -> list[Run]:
     if not LINES.is_file():
         return []
@@ -78,6 +99,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=30.0, help="stop starting flights after this long")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--summary-only", action="store_true")
+    parser.add_argument("--speed", type=int, metavar="DRAWS", help="only time so many, compiled and plain")
     parser.add_argument(
         "--variant",
         action="append",
@@ -85,6 +107,9 @@ def main() -> None:
         help="fly this one; what stands in table4.json of the others stays (again for more)",
     )
     options = parser.parse_args()
+    if options.speed:
+        measure_speed(options.speed)
+        return
     LINES.parent.mkdir(exist_ok=True)
     if not options.summary_only:
         model = build_model(load_description(ROOT / "urdf" / "paper_sms.toml"))

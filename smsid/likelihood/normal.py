@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import lapack
 
 from smsid.errors import NotIdentifiableError
 from smsid.likelihood.jacobian import normal
@@ -33,9 +34,13 @@ class Normal:
         both = np.outer(units, units)
         return Normal(self.data * both, self.prior * both, self.gradient * units)
 
+    @cached_property
+    def _covariance(self) -> np.ndarray:
+        return inverse(self.information)
+
     def covariance(self) -> np.ndarray:
         """Return the covariance (n, n) of the posterior, Gaussian."""
-        return inverse(self.information)
+        return self._covariance
 
 
 def normal_at(
@@ -74,12 +79,11 @@ def inverse(information: np.ndarray) -> np.ndarray:
     Raises `NotIdentifiableError` naming the component when it is singular.
     """
     scale = 1.0 / np.sqrt(np.diag(information))
-    try:
-        factor = cho_factor(information * np.outer(scale, scale))
-    except np.linalg.LinAlgError as cause:
+    factor, fault = lapack.dpotrf(information * np.outer(scale, scale), lower=1, overwrite_a=1)
+    if fault:
         raise NotIdentifiableError(
             "Neither data nor prior determine all parameters.",
             advice="Give the effect concerned a `prior`, or leave it out.",
-        ) from cause
-    found = cho_solve(factor, np.eye(len(scale))) * np.outer(scale, scale)
-    return 0.5 * (found + found.T)
+        )
+    lower = np.tril(lapack.dpotri(factor, lower=1, overwrite_c=1)[0]) * np.outer(scale, scale)
+    return lower + np.tril(lower, -1).T

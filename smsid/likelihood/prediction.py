@@ -15,6 +15,10 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from smsid.errors import SimulationError
+from smsid.kernel.arrays import tree_of
+from smsid.kernel.hybrid import hybrid_motion
+from smsid.kernel.jit import available
+from smsid.kernel.tree import DAMPING, STIFFNESS
 from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.runge_kutta import STAGES, A, B, transitions
@@ -78,43 +82,27 @@ def predict(
     k[spacecraft.spring_v], d[spacecraft.spring_v] = stiffness, damping
     k_rest, d_rest = k[rest_v], d[rest_v]
     base = len(free) - len(rest_v)
-    flat = (free[:, None] * spacecraft.nv + free).ravel()
-    shape, n_rest = (len(free), len(free)), len(rest_v)
 
     if _only_translates(model, free):
         mass = symmetric(pin.crba(model, data, q[0]))[np.ix_(free, free)]
         _carried_linear(timeline, mass, applied, k_rest, d_rest, (q, v, a), (rest_q, free, base))
     else:
-
-        def accelerate(e: int, y: np.ndarray) -> np.ndarray:
-            q_e, v_e, a_e = q[e], v[e], a[e]
-            q_e[rest_q] = y[:n_rest]
-            v_e[free] = y[n_rest:]
-            rhs = applied[e] - pin.rnea(model, data, q_e, v_e, a_e)[free]
-            rhs[base:] -= k_rest * y[:n_rest] + d_rest * y[n_rest + base :]
-            mass = pin.crba(model, data, q_e).ravel()[flat].reshape(shape)
-            _, x, info = lapack.dposv(mass, rhs)
-            if info != 0 or not np.isfinite(x).all():
-                raise SimulationError(
-                    f"The predicted motion is not finite at t = {times[e]:.6g} s.",
-                    advice="The starting guess is too far off: start from the linear method.",
-                    time=times[e],
-                )
-            a_e[free] = x
-            return np.concatenate([y[n_rest + base :], x])
-
-        y = np.zeros(n_rest + len(free))
-        y[n_rest:] = start_velocity(model, data, q[0], v[0], free)
-        slopes = np.empty((STAGES, len(y)))
-        h, e, step = timeline.h, 0, 0
-        for segment, count in enumerate(timeline.counts):
-            for _ in range(count):
-                for j in range(STAGES):
-                    slopes[j] = accelerate(e, y if j == 0 else y + h[step] * (A[j, :j] @ slopes[:j]))
-                    e += 1
-                y = y + h[step] * (B @ slopes)
-                step += 1
-            accelerate(timeline.steps * STAGES + segment, y)
+        start = np.zeros(len(rest_v) + len(free))
+        start[len(rest_v) :] = start_velocity(model, data, q[0], v[0], free)
+        tree = tree_of(model, spacecraft.free) if available() else None
+        if tree is not None:
+            tree.bodies[rest_v - 6, STIFFNESS], tree.bodies[rest_v - 6, DAMPING] = k_rest, d_rest
+            given = (applied, (free, rest_q), timeline.counts, timeline.h, start, A, B)
+            lost = hybrid_motion(*tree.arrays, (q, v, a), *given)
+        else:
+            places = (rest_q, free, base)
+            lost = _carried(timeline, model, applied, (k_rest, d_rest), (q, v, a), places, start)
+        if lost >= 0:
+            raise SimulationError(
+                f"The predicted motion is not finite at t = {times[lost]:.6g} s.",
+                advice="The starting guess is too far off: start from the linear method.",
+                time=times[lost],
+            )
     positions, quaternions = _pose(timeline, v, position, quaternion)
     nodes = timeline.node_evaluation
     q, v, a = q[nodes], v[nodes], a[nodes]
@@ -129,6 +117,51 @@ def _only_translates(model: pin.Model, free: np.ndarray) -> bool:
     joints = [model.joints[j] for j in range(2, model.njoints)]
     moving = [j for j in joints if any(j.idx_v + k in free for k in range(j.nv))]
     return all("Prismatic" in j.shortname() or "Translation" in j.shortname() for j in moving)
+
+
+def _carried(
+    timeline: Timeline,
+    model: pin.Model,
+    applied: np.ndarray,
+    springs: tuple[np.ndarray, np.ndarray],
+    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+    places: tuple[np.ndarray, np.ndarray, int],
+    y: np.ndarray,
+) -> int:
+    """Do what `hybrid_motion` does, without compiled code: its reference, and for joints it does not know."""
+    q, v, a = motion
+    rest_q, free, base = places
+    n_rest, data, (k, d) = len(rest_q), model.createData(), springs
+    flat = (free[:, None] * model.nv + free).ravel()
+
+    def accelerate(e: int, y: np.ndarray) -> np.ndarray | None:
+        q_e, v_e, a_e = q[e], v[e], a[e]
+        q_e[rest_q] = y[:n_rest]
+        v_e[free] = y[n_rest:]
+        rhs = applied[e] - pin.rnea(model, data, q_e, v_e, a_e)[free]
+        rhs[base:] -= k * y[:n_rest] + d * y[n_rest + base :]
+        mass = pin.crba(model, data, q_e).ravel()[flat].reshape(len(free), len(free))
+        _, x, info = lapack.dposv(mass, rhs)
+        if info != 0 or not np.isfinite(x).all():
+            return None
+        a_e[free] = x
+        return np.concatenate([y[n_rest + base :], x])
+
+    slopes = np.empty((STAGES, len(y)))
+    h, e, step = timeline.h, 0, 0
+    for segment, count in enumerate(timeline.counts):
+        for _ in range(count):
+            for j in range(STAGES):
+                slope = accelerate(e, y if j == 0 else y + h[step] * (A[j, :j] @ slopes[:j]))
+                if slope is None:
+                    return e
+                slopes[j] = slope
+                e += 1
+            y = y + h[step] * (B @ slopes)
+            step += 1
+        if accelerate(timeline.steps * STAGES + segment, y) is None:
+            return timeline.steps * STAGES + segment
+    return -1
 
 
 def _carried_linear(

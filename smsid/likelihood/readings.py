@@ -53,7 +53,7 @@ def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarra
     smooth = smoothness(m)
     for k, size in enumerate(_largest(motion)):
         own = slice(k * m, (k + 1) * m)
-        information[own, own] += size * smooth
+        information[own, own] += size * smooth.toarray()
         gradient[own] -= size * (smooth @ coefficients[:, k])
     information[n:, :n] = information[:n, n:].T
     return Agreement(information, gradient, agreement_cost(motion, coefficients, clock))
@@ -85,9 +85,9 @@ def _squares(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray
         basis = design(_happened(s, clock, float(motion.spline.t[0])), motion.spline.t, s.derivative)
         total += float(np.sum(((s.values - basis @ coefficients) / s.sigma) ** 2))
     smooth = smoothness(len(coefficients))
-    return total + float(np.einsum("ik,ij,jk,k->", coefficients, smooth, coefficients, _largest(motion)))
+    return total + float(np.sum(coefficients * (smooth @ coefficients) * _largest(motion)))
 
 
 def _largest(motion: MeasuredMotion) -> np.ndarray:
     """The largest information of any coefficient, by joint (k,): what smoothness is relative to."""
-    return np.array([x.diagonal().max() for x in motion.information])
+    return motion.information[:, 0].max(axis=1)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_array
+from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
+from scipy.sparse import csr_array, diags_array
 
 from smsid.identify.gap_filling import with_spikes
 from smsid.identify.valid_samples import outliers
@@ -22,6 +22,7 @@ DEGREE = 5
 CLEANINGS = 3
 SMOOTH = 1e-12  # weight of third differences of coefficients, relative to that of samples
 SLACK = 1e-9  # [s]
+BLOCK = 1000  # places of a motion whose variance is worked out at a time
 WINDOW = DEGREE + 2  # functions that act somewhere in a stretch no longer than the spacing of the knots
 
 
@@ -45,10 +46,10 @@ class MeasuredMotion:
 
     ``spline`` gives (N, k). ``angle_density`` and ``rate_density`` (k,) are the standard deviations that
     white noise on samples of the angle, or of the rate, taken ``per`` second, would need to be as uncertain
-    in band as the fit: its mean variance times samples over coefficients. ``information`` (k, m, m) of the
-    coefficients (m, k). ``samples`` are what it was fitted to, ``sensor`` what took them. ``clock`` (offset
-    [s], drift [1]) is what their clock shows too much: the spline runs by that clock, `values` by the true
-    one. ``rate`` [Hz] is that of the densities.
+    in band as the fit: its mean variance times samples over coefficients. ``information`` (k, 6, m) of the
+    coefficients (m, k) as `bands`. ``samples`` are what it was fitted to, ``sensor`` what took them.
+    ``clock`` (offset [s], drift [1]) is what their clock shows too much: the spline runs by that clock,
+    `values` by the true one. ``rate`` [Hz] is that of the densities.
     """
 
     spline: BSpline
@@ -182,7 +183,7 @@ def _best(samples: list[Samples], start: float, stop: float, shortest: float) ->
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Least squares with so many intervals: coefficients (m, k), information (k, m, m), Akaike's score."""
+    """Least squares with so many intervals: coefficients (m, k), information (k, 6, m), Akaike's score."""
 
     knots: np.ndarray
     intervals: int
@@ -195,22 +196,22 @@ class _Fitted:
         knots = _knots(start, stop, intervals)
         size, width = intervals + DEGREE, samples[0].values.shape[1]
         designs = [design(s.times, knots, s.derivative) for s in samples]
-        grams = [(x.T @ x).toarray() for x in designs]
+        grams = [bands(csr_array(x.T @ x)) for x in designs]
         weights = [1.0 / s.sigma**2 for s in samples]
-        smooth = smoothness(size)
+        smooth = bands(smoothness(size))
         anchored = any(s.derivative == 0 for s in samples)
         right = sum(
             (x.T @ (s.values * w) for s, x, w in zip(samples, designs, weights, strict=True)),
             np.zeros((size, width)),
         )
-        coefficients, information = np.empty((size, width)), np.empty((width, size, size))
+        coefficients, information = np.empty((size, width)), np.empty((width, DEGREE + 1, size))
         for k in range(width):
-            normal = sum((w[k] * g for g, w in zip(grams, weights, strict=True)), np.zeros((size, size)))
-            normal = normal + normal.diagonal().max() * smooth
+            normal = sum((w[k] * g for g, w in zip(grams, weights, strict=True)), np.zeros(smooth.shape))
+            normal = normal + normal[0].max() * smooth
             if not anchored:
-                normal[0, 0] += normal.diagonal().max()
+                normal[0, 0] += normal[0].max()
             information[k] = normal
-            coefficients[:, k] = cho_solve(cho_factor(normal), right[:, k])
+            coefficients[:, k] = solveh_banded(normal, right[:, k], lower=True)
         score = 2.0 * size * width
         for s, x in zip(samples, designs, strict=True):
             score += float(np.sum(((s.values - x @ coefficients) / s.sigma) ** 2))
@@ -223,10 +224,13 @@ class _Fitted:
         grid = np.linspace(start, stop, 4 * self.intervals + 1)
         densities = np.empty((2, width))
         for d, out in enumerate(densities):
-            x = design(grid, self.knots, d).toarray()
+            x = design(grid, self.knots, d)
             for k, normal in enumerate(self.information):
-                variance = np.sum(x.T * cho_solve(cho_factor(normal), x.T), axis=0)
-                out[k] = np.sqrt(np.mean(variance) * rate * (stop - start) / size)
+                factor, total = cholesky_banded(normal, lower=True), 0.0
+                for first in range(0, len(grid), BLOCK):
+                    rows = x[first : first + BLOCK].toarray().T
+                    total += float(np.sum(rows * cho_solve_banded((factor, True), rows)))
+                out[k] = np.sqrt(total / len(grid) * rate * (stop - start) / size)
         spline = BSpline(self.knots, self.coefficients, DEGREE)
         return MeasuredMotion(spline, self.intervals, densities[0], densities[1], self.information, rate=rate)
 
@@ -236,10 +240,18 @@ def _knots(start: float, stop: float, intervals: int) -> np.ndarray:
     return np.concatenate([[start] * DEGREE, inner, [stop] * DEGREE])
 
 
-def smoothness(size: int) -> np.ndarray:
+def bands(symmetric: csr_array) -> np.ndarray:
+    """Return diagonal and lower diagonals (6, m) of a matrix whose functions act on common intervals only."""
+    out = np.zeros((DEGREE + 1, symmetric.shape[0]))  # type: ignore[misc]
+    for d in range(DEGREE + 1):
+        out[d, : out.shape[1] - d] = symmetric.diagonal(-d)
+    return out
+
+
+def smoothness(size: int) -> csr_array:
     """Return the information (size, size) against third differences, relative to the samples' largest."""
-    third = np.diff(np.eye(size), n=3, axis=0)
-    return SMOOTH * (third.T @ third)
+    third = diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(size - 3, size))  # type: ignore[arg-type]
+    return csr_array(SMOOTH * (third.T @ third))
 
 
 def design(times: np.ndarray, knots: np.ndarray, derivative: int) -> csr_array:
