@@ -12,9 +12,7 @@ import numpy as np
 
 MOST_EVENTS = 1000  # that are remembered; all are counted
 
-EventKind = Literal[
-    "late", "ahead", "duplicate", "unknown channel", "not finite", "silence", "begun", "lost"
-]
+EventKind = Literal["late", "ahead", "duplicate", "unknown channel", "not finite", "silence", "begun", "lost"]
 
 
 @dataclass(frozen=True)
