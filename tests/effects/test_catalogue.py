@@ -102,6 +102,7 @@ EXAMPLES = {
 }  # fmt: skip
 UNIT_OF_A_COUNT = {
     "s/rad",
+    "s/m",
     "kg^0.5",
     "kg^0.5 m",
     *("kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m", "rad", "kg m^2", "rad/s"),

@@ -23,8 +23,8 @@ from tests.effects.test_catalogue import example
 STRONG = sorted(kind for kind, cls in catalogue().items() if cls.strength)
 NOT_SIMULATED = {"motor_coupling", "joint_offset"}  # of arms on the ground: see smsid.arm
 RANDOM = {"quantisation": "rounding has no slope", "outliers": "drawn: its size has a slope, its share none"}
-# the state has other dimensions: see test_oscillators, test_extra_mode and test_beam_mode
-MORE_JOINTS = {"gear_compliance", "backlash", "extra_mode", "beam_mode"}
+# the state has other dimensions: see test_oscillators, test_extra_mode, test_beam_mode and test_tank_fill
+MORE_JOINTS = {"gear_compliance", "backlash", "extra_mode", "beam_mode", "tank_fill"}
 PLACES = 5
 
 
@@ -42,14 +42,18 @@ def inputs(rng: np.random.Generator) -> Inputs:
 
 
 def probe(description: Description, seed: int) -> np.ndarray:
-    """Return accelerations at random states under random commands, and what sensors read but for noise."""
+    """Return accelerations at random states under random commands, and what sensors read but for noise.
+
+    Joints that an effect has of its own come last: they are at rest, and their accelerations are left out.
+    """
     rng = np.random.default_rng(seed)
     model = rebuild(paper()[1], description)
     dynamics = Dynamics(model, inputs(rng))
-    parts = []
+    parts, n = [], paper()[1].nv
+    own = np.zeros(model.nv - n)
     for t in rng.uniform(15.0, 40.0, PLACES):
-        q = pin.integrate(model.pin, model.home, rng.normal(size=model.nv) * 0.3)
-        parts.append(dynamics.acceleration(t, q, rng.normal(size=model.nv) * 0.3))
+        q = pin.integrate(model.pin, model.home, np.append(rng.normal(size=n) * 0.3, own))
+        parts.append(dynamics.acceleration(t, q, np.append(rng.normal(size=n) * 0.3, own))[:n])
     for sensor in description.effective_sensors():
         parts.append(np.asarray(sensor.position))
         parts += [readings(sensor, quantity, rng) for quantity in sensor.quantities]
