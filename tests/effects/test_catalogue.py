@@ -78,7 +78,7 @@ EXAMPLES = {
         "name": "st", "sensor": "panel", "quantity": "acceleration", "station": 1, "component": "z",
         "start": 30.0,
     },
-    "tank_fill": {"name": "tf", "tank": "tank", "propellant": 30.0, "consumption": 5e-4},
+    "tank_fill": {"name": "tf", "tank": "tank", "propellant": 60.0, "consumption": 5e-4},
     "slosh_wall": {"name": "sw", "tank": "tank", "gap": 0.05, "stiffness": 20.0},
     "scale_by_rate": {
         "name": "sr", "sensor": "imu", "quantity": "angular_rate", "slope": (0.1, -0.2, 0.05),
