@@ -86,7 +86,7 @@ def solve_joints(
     for _ in range(ROUNDS):
         weighted = known * np.sqrt(max(lags, 1))
         stacked = np.vstack([*(r / s for r, s in zip(triangles, noise, strict=True)), weighted])
-        triangle = np.linalg.qr(stacked, mode="r")
+        triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
         column = np.linalg.norm(triangle[:, :-1], axis=0)
         square = triangle[:n, :n] / column
         singular = np.linalg.svd(square, compute_uv=False)
@@ -122,7 +122,7 @@ def solve_joints(
 def _triangle(rows: np.ndarray, torque: np.ndarray) -> np.ndarray:
     """Return the triangle (k, n + 1) of rows (N, n) and torques (N,); most columns do not act on a joint."""
     used = np.append(np.any(rows != 0.0, axis=0), True)
-    own = np.linalg.qr(np.column_stack([rows, torque])[:, used], mode="r")
+    own = np.asarray(np.linalg.qr(np.column_stack([rows, torque])[:, used], mode="r"))
     out = np.zeros((len(own), used.size))
     out[:, used] = own
     return out
