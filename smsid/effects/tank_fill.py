@@ -122,7 +122,7 @@ class TankFill(TankEffect):
         k, c = np.array(tank.stiffness), np.array(tank.damping)
 
         def left(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            _, mass, stiffness = self.shares(v[turned])
+            _, mass, stiffness = self.shares(float(v[turned]))
             tau[rate] -= (stiffness - 1.0) * k * q[place] + (np.sqrt(mass * stiffness) - 1.0) * c * v[rate]
 
         def net(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
