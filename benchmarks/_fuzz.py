@@ -103,6 +103,17 @@ WEIRD: list[Any] = [
     "\"quoted'", "<script>alert(1)</script>", "../../../etc/passwd", "/etc/passwd", "a/b", "a.b", "a,b",
     "[bold]x", "%s{0}", -0.0, [[1.0, 2.0, 3.0]], "1.0", "nan", "con", "\u202e", "..", ".", "a\x00b",
 ]  # fmt: skip
+PLAN: dict[str, Any] = {
+    "schema": 1,
+    "name": "few",
+    "description": "d.toml",
+    "experiments": ["s.toml"],
+    "runs": 1,
+    "seed": 3,
+    "method": "paper",
+    "truth": [{"parameters": ["tank.mass"], "relative": 0.1}, {"links": ["*"], "relative": 0.02}],
+    "noise": {"scale": 1.0, "sensors": {"imu": [0.5, 2.0]}, "known": False},
+}
 WORDS: list[str] = [
     "-1",
     "0",
@@ -118,7 +129,8 @@ WORDS: list[str] = [
     "[b]",
     "1,",
 ]
-KINDS = ("description", "urdf", "recording", "csv", "experiment", "estimate", "mapping", "arguments")
+FILES = ("description", "urdf", "recording", "csv", "experiment", "estimate", "mapping", "samples", "plan")
+KINDS = (*FILES, "arguments")
 
 
 @dataclass(frozen=True)
@@ -148,6 +160,8 @@ def write_base(folder: Path) -> None:
     _toml(folder / "m.toml", MAPPING)
     (folder / "e.json").write_text(json.dumps(estimate()), encoding="utf-8")
     (folder / "l.csv").write_text(log(), encoding="utf-8")
+    (folder / "p.jsonl").write_text(samples(), encoding="utf-8")
+    _toml(folder / "c.toml", PLAN)
     write_recording(folder)
 
 
@@ -173,6 +187,15 @@ def log(n: int = 40) -> str:
     """Return a sound log as CSV."""
     rows = [f"{k / 100},{math.sin(k / 9):.6f},0.01,{k / 1e3},{math.cos(k / 20):.6f}" for k in range(n)]
     return "t,wx,wy,wz,q\n" + "\n".join(rows) + "\n"
+
+
+def samples(n: int = 40) -> str:
+    """Return the same log as JSON lines, as ``smsid play`` gives it."""
+    lines = []
+    for k in range(n):
+        lines.append({"time": k / 100, "imu.angular_rate": [round(math.sin(k / 9), 6), 0.01, k / 1e3]})
+        lines.append({"time": k / 100, "encoder.joint_position": [math.cos(k / 20)]})
+    return "".join(json.dumps(x) + "\n" for x in lines)
 
 
 def judge(code: int, stdout: str, stderr: str, folder: Path) -> str:
@@ -298,6 +321,13 @@ OF_RECORDINGS = [
     ["track", "d.toml", "r.nc", "--changes", "-o", "t.nc"],
     ["diagnose", "d.toml", "r.nc", "-o", "g.json"],
 ]
+STREAM = ["stream", "d.toml", "p.jsonl", "--begin", "0.2"]
+CAMPAIGN = ["campaign", "c.toml", "--backend", "serial", "-o", "w.jsonl"]
+OF_TESTS = [
+    ["play", "r.nc"],
+    ["lab", "modal", "r.nc", "--highest", "20", "--free-decay", "-o", "k.json"],
+    ["lab", "oscillator", "r.nc", "--output-channel", "encoder.joint_position", "-o", "k.json"],
+]
 OF_DESCRIPTIONS = [
     ["check", "d.toml"],
     ["export", "d.toml", "--fmu", "f.fmu"],
@@ -384,7 +414,7 @@ def _recording(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
         ["view", "d.toml", "r.nc", "-o", "v.html"],
         ["plot", "recording", "r.nc", "-o", "f.png"],
     ]
-    calls += [["identify", "d.toml", "r.nc", "-o", "i.json"], ["inspect", "r.nc"], *OF_RECORDINGS]
+    calls += [["identify", "d.toml", "r.nc", "-o", "i.json"], ["inspect", "r.nc"], *OF_RECORDINGS, *OF_TESTS]
     return what, [*rng.choice(calls), "--json"]
 
 
@@ -446,6 +476,27 @@ def _mapping(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
     return what, [*rng.choice(calls), "--json"]
 
 
+def _samples(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    if rng.random() < 0.3:
+        what, data = shaken(rng, samples())
+    else:
+        lines = [json.loads(line) for line in samples().splitlines()]
+        what, lines = mutated(rng, lines)
+        data = "".join(json.dumps(x) + "\n" for x in lines).encode()
+    (folder / "p.jsonl").write_bytes(data)
+    return what, [*STREAM, *rng.choice([[], ["--changes"]]), "--json"]
+
+
+def _plan(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    if rng.random() < 0.15:
+        what, data = shaken(rng, tomli_w.dumps(PLAN))
+        (folder / "c.toml").write_bytes(data)
+    else:
+        what, tables = mutated(rng, PLAN)
+        _toml(folder / "c.toml", tables)
+    return what, [*rng.choice([CAMPAIGN, ["show", "c.toml"]]), "--json"]
+
+
 def _arguments(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
     from smsid.cli.app import COMMANDS
 
@@ -456,8 +507,10 @@ def _arguments(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
     ]
     calls += [["design", "d.toml", "--for", "mass", "--effort", "0.01", "--duration", "1", "-o", "x.toml"]]
     calls += [*OF_RECORDINGS, *OF_DESCRIPTIONS, ["compare", "e.json", "e.json"]]
+    calls += [["identify", "d.toml", "r.nc", "-o", "i.json"], STREAM, CAMPAIGN, *OF_TESTS]
     words = list(rng.choice(calls))
     command = COMMANDS[words[0]].load(words[0])
+    command = getattr(command, "commands", {}).get(words[1], command)
     options = [p.opts[0] for p in command.params if p.opts and p.opts[0].startswith("--")]
     roll = rng.random()
     if roll < 0.6:
@@ -484,5 +537,7 @@ MUTATIONS: dict[str, Callable[[random.Random, Path], tuple[str, list[str]]]] = {
     "experiment": _experiment,
     "estimate": _estimate,
     "mapping": _mapping,
+    "samples": _samples,
+    "plan": _plan,
     "arguments": _arguments,
 }

@@ -139,6 +139,10 @@ def _clash(out: Place, what: str) -> OutputError:
 
 
 def _output_places(called: str, path: Path, mark: Writes) -> list[Place]:
+    if path.name.startswith("--"):
+        raise OutputError(
+            f"{called} is followed by '{path}', which is an option.", advice=f"Give {called} a path first."
+        )
     if mark.folder:
         if _is_file(path):
             raise OutputError(f"{called} '{path}' is a file.", advice="Name a folder.", path=str(path))

@@ -16,6 +16,7 @@ from smsid.sensing import Sensor
 
 WIDTH = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}
 TOGETHER = 0.02  # of a sample interval: readings no further apart are of one moment
+MOST_STEPS = 10_000_000  # between samples in all: beyond, a clock has jumped
 FLOOR = 1e-9  # relative to the channel's spread: noise below it is rounding
 
 
@@ -240,10 +241,19 @@ def _nearest(times: np.ndarray, clock: np.ndarray) -> np.ndarray:
 
 
 def _filled(times: np.ndarray, longest: float) -> np.ndarray:
-    """Return times (N,) with more between those that are further apart than ``longest`` [s]."""
+    """Return times (N,) with more between those that are further apart than ``longest`` [s].
+
+    Raises `RecordingError` where that would be too many: a clock jumped.
+    """
     parts = np.ceil(np.diff(times) / longest - 1e-9) if np.isfinite(longest) else np.ones(len(times) - 1)
     if parts.max(initial=1.0) <= 1.0:
         return times
+    if parts.sum() > MOST_STEPS:
+        k = int(np.argmax(parts))
+        raise RecordingError(
+            f"After {times[k]:.6g} s nothing is recorded for {times[k + 1] - times[k]:.3g} s.",
+            advice="Did a clock jump? Cut the recording there: smsid cut RECORDING --pieces.",
+        )
     parts = np.maximum(parts, 1.0).astype(int)
     starts, widths = np.repeat(times[:-1], parts), np.repeat(np.diff(times) / parts, parts)
     count = np.concatenate([np.arange(n) for n in parts])

@@ -12,7 +12,7 @@ import numpy as np
 
 MOST_EVENTS = 1000  # that are remembered; all are counted
 
-EventKind = Literal["late", "duplicate", "unknown channel", "not finite", "silence", "begun", "lost"]
+EventKind = Literal["late", "ahead", "duplicate", "unknown channel", "not finite", "silence", "begun", "lost"]
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,14 @@ class SampleBuffer:
 
     Channels within ``together`` [s] are of one moment. A moment is handed out when one came that is
     ``lateness`` [s] later. ``passed`` is the last that was handed out, and ``read`` what was read then.
+    After a silence of ``silence`` [s] a moment waits for a later one: where time goes on before it instead,
+    its clock was wrong, and all that comes would be late after it.
     """
 
     together: float
     lateness: float
     log: EventLog
+    silence: float = np.inf
     waiting: list[Entry] = field(default_factory=list)
     passed: float = -np.inf
     read: set[str] = field(default_factory=set)
@@ -82,7 +85,11 @@ class SampleBuffer:
                 del own[channel]
         if not own:
             return
-        self.newest = max(self.newest, time)
+        if self._doubtful and time < self.waiting[-1].time - self.silence:
+            wrong = self.waiting.pop()
+            for channel in wrong.channels:
+                text = f"is {wrong.time - time:.3g} s ahead of what came after it and is left out"
+                self.log.add(wrong.time, "ahead", channel, text)
         i = bisect_left([e.time for e in self.waiting], time)
         for entry in self.waiting[max(0, i - 1) : i + 1]:
             if abs(entry.time - time) <= self.together:
@@ -94,8 +101,16 @@ class SampleBuffer:
                 return
         self.waiting.insert(i, Entry(time, own))
 
+    @property
+    def _doubtful(self) -> bool:
+        """Whether the last moment came after a silence, and none since."""
+        before = self.waiting[-2].time if len(self.waiting) > 1 else self.passed
+        return bool(self.waiting) and np.isfinite(before) and self.waiting[-1].time > before + self.silence
+
     def ready(self, *, everything: bool = False) -> list[Entry]:
         """Hand out the moments whose time has come, or everything."""
+        sure = self.waiting[: len(self.waiting) - self._doubtful]
+        self.newest = max(self.newest, sure[-1].time) if sure else self.newest
         limit = np.inf if everything else self.newest - self.lateness
         count = sum(e.time <= limit for e in self.waiting)
         found, self.waiting = self.waiting[:count], self.waiting[count:]

@@ -21,6 +21,7 @@ from smsid.tracking.change_detection import Change, ChangeDetector
 from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.json_lines import Columns, parse_sample
 from smsid.tracking.sample import Sample
+from smsid.tracking.setting import Setting
 from smsid.tracking.track_recordings import track_recordings
 from smsid.tracking.tracker import Tracker
 from smsid.tracking.update import Update
@@ -69,6 +70,7 @@ class Stream:
         self.begin, self.every, self.false_alarms, self.lateness = begin, every, false_alarms, lateness
         self._asked = {"follow": follow, "hold": hold, "estimate": estimate, "cad": cad}
         self._first: list[Sample] = []
+        self._ahead: list[Sample] = []
         self._detector: ChangeDetector | None = None
         self._lines, self._changes, self._explained = 0, 0, True
         self._last, self._untold = -np.inf, None
@@ -82,8 +84,7 @@ class Stream:
         Raises `RecordingError` for a sample that cannot be used, `SimulationError` when the motion is lost.
         """
         if self.tracker is None:
-            self._first.append(sample)
-            return self._start() if sample.time >= self._first[0].time + self.begin else []
+            return self._begun(sample)
         return self._said(self.tracker.update(sample))
 
     def hear_line(self, line: str) -> list[Discrimination]:
@@ -129,6 +130,27 @@ class Stream:
         except RecordingError as error:
             raise RecordingError(f"{error.message} {refused}".strip(), advice=error.advice) from error
         yield from (json.dumps(json_ready(told)) for told in rest)
+
+    def _begun(self, sample: Sample) -> list[Discrimination]:
+        """Keep a sample of the beginning, and start where there is enough; a silence begins it anew.
+
+        A moment behind a silence waits for a later one: where time goes on before it, its clock was wrong.
+        """
+        out: list[Discrimination] = []
+        for kept in (self._ahead, self._first):
+            if kept and sample.time < kept[0].time - Setting.silence:
+                for wrong in kept:
+                    text = f"is {wrong.time - sample.time:.3g} s ahead of what came after it and is left out"
+                    out.append({"event": "ahead", "time": wrong.time, "text": text})
+                kept.clear()
+        if self._ahead and sample.time > self._ahead[0].time:
+            self._first, self._ahead = [*self._ahead, sample], []
+        elif self._ahead or (self._first and sample.time > self._first[-1].time + Setting.silence):
+            self._ahead.append(sample)
+        else:
+            self._first.append(sample)
+        enough = bool(self._first) and self._first[-1].time >= self._first[0].time + self.begin
+        return out + (self._start() if enough else [])
 
     def _start(self) -> list[Discrimination]:
         """Make the tracker of what came first."""

@@ -110,7 +110,7 @@ class Tracker:
             covariance,
         )
         self.log = EventLog()
-        self.buffer = SampleBuffer(TOGETHER * setting.substep, setting.lateness, self.log)
+        self.buffer = SampleBuffer(TOGETHER * setting.substep, setting.lateness, self.log, setting.silence)
         self.commands = CommandMemory(model, setting.hold)
         self.moving = False
         self._first = np.inf  # when the first motion began [s]

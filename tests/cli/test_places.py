@@ -181,6 +181,14 @@ def test_what_is_written_is_marked_and_its_suffix_checked(words, f, tmp_path, mo
             assert contents(tmp_path) == before
 
 
+def test_an_option_is_no_path_of_an_output(tmp_path, monkeypatch, capsys):
+    """A folder named --json was written, and what was printed was no JSON."""
+    monkeypatch.chdir(tmp_path)
+    code, said = call(["export", "d.toml", "-o", "--json"], monkeypatch, capsys)
+    assert code == 1 and "--output is followed by '--json', which is an option" in said
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_file_that_a_description_names_is_an_input(tmp_path, monkeypatch, capsys):
     """The extended description would replace the arm's mapping, experiment or URDF that a TOML names."""
     (tmp_path / "d.toml").write_text('name = "d"\nurdf = "u.urdf"\n[[arm]]\nother = "more.toml"\n')

@@ -190,6 +190,12 @@ def test_what_is_missing_is_named(tmp_path):
         described(tmp_path, "q.f06", ", nodes = [17], damping = 0.01")
 
 
+@pytest.fixture
+def old_names(monkeypatch):
+    """Give numpy the name back that pyNastran 1.4 takes and numpy 2.4 has no longer: users get numpy 2.3."""
+    monkeypatch.setattr(np, "in1d", np.isin, raising=False)
+
+
 def written_op2(path):
     """Write the modes with pyNastran: an OP2 of four-byte numbers, as Nastran's own by default."""
     op2 = pytest.importorskip(
@@ -199,7 +205,7 @@ def written_op2(path):
     from pyNastran.op2.tables.oug.oug_eigenvectors import RealEigenvectorArray
 
     modes = list(tables())
-    numbers, values = np.array([m[0] for m in modes]), np.array([m[1] for m in modes])
+    numbers, values = [int(m[0]) for m in modes], np.array([m[1] for m in modes])
     model = op2.OP2Geom(debug=False)
     for kind, table, code, index, into in (
         (RealEigenvectorArray, "OUGV1", 7, 2, model.eigenvectors),
@@ -213,6 +219,7 @@ def written_op2(path):
     model.write_op2(str(path), nastran_format="msc")
 
 
+@pytest.mark.usefixtures("old_names")
 def test_an_op2(tmp_path, caplog):
     written_op2(tmp_path / "p.op2")
     panel = described(tmp_path, "p.op2", f", root = 1, nodes = [{ELEMENTS + 1}], damping = 0.005")

@@ -30,6 +30,15 @@ def test_a_recording_of_other_sensors_is_refused(known, recording):
         measurements_of(known.point.base, other, known.point.description.sensor)
 
 
+def test_a_clock_that_jumps_is_refused_before_it_is_integrated_over(known, recording):
+    """An array of 73 TiB was asked for."""
+    times, rates = np.array(recording.time()), np.asarray(recording["imu.angular_rate"])
+    times[100:] += 1e9
+    jumped = Recording.from_arrays(times, {"imu.angular_rate": rates})
+    with pytest.raises(RecordingError, match=rf"After {times[99]:.6g} s nothing is recorded for 1e\+09 s"):
+        measurements_of(known.point.base, jumped, known.point.description.sensor, longest=0.01)
+
+
 def test_a_bias_that_begins_midway_is_there_from_then_on(known, problem):
     """In the reading of one sample and of all, as the sensors' own error model has it."""
     start, bias = 2.0, (1e-3, -2e-3, 3e-3)

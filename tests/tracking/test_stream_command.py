@@ -133,6 +133,28 @@ def test_what_cannot_be_read_is_told_and_the_stream_goes_on(folder):
     assert results(told)[-1]["time"] == pytest.approx(6.0)
 
 
+@pytest.mark.parametrize("line", [1, 15, 45])
+def test_a_wrong_time_is_told_and_the_stream_goes_on(folder, line):
+    """At the first sample, in the beginning that is looked at first, and later."""
+    lines = play(folder / "flight.nc").splitlines(keepends=True)
+    wrong = json.loads(lines[line]) | {"time": 1e12}
+    run, told = stream(folder, lines="".join([*lines[:line], json.dumps(wrong) + "\n", *lines[line + 1 :]]))
+    assert run.exit_code == 0
+    assert {x["time"] for x in told if x.get("event") == "ahead"} == {1e12}
+    assert not [x for x in told if x.get("event") not in (None, "ahead")]
+    assert results(told)[-1]["time"] == pytest.approx(6.0)
+
+
+def test_a_beginning_with_a_silence_begins_behind_it(folder):
+    lines = play(folder / "flight.nc").splitlines()
+    later = [json.loads(x) for x in lines]
+    for table in later[12:]:
+        table["time"] += 50.0
+    run, told = stream(folder, lines="".join(json.dumps(x) + "\n" for x in later))
+    assert run.exit_code == 0
+    assert results(told)[0]["time"] > 52.0 and results(told)[-1]["time"] == pytest.approx(56.0)
+
+
 def test_a_model_that_does_not_follow_is_told_and_bands_grow(folder):
     """From 4 s on wheels have another momentum than they are commanded to."""
     lines = play(folder / "flight.nc").splitlines()

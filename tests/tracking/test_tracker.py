@@ -169,6 +169,35 @@ def test_a_stream_that_stops_begins_anew_and_keeps_the_parameters(description, s
     assert tracker.time == later[-1].time
 
 
+@pytest.mark.parametrize("ahead", [20.0, 1e12])
+def test_a_moment_whose_clock_was_wrong_is_left_out_and_named(description, samples, ahead):
+    """All that came after it had been late: nothing was told of the spacecraft any more."""
+    whole, spoilt = streaming(description), streaming(description)
+    for k, sample in enumerate(samples[:80]):
+        if k != 40:
+            whole.update(sample)
+        spoilt.update(replace(sample, time=ahead) if k == 40 else sample)
+    assert spoilt.log.counts["ahead"] == len(samples[40].channels)
+    assert not spoilt.log.counts.get("late") and not spoilt.log.counts.get("silence")
+    np.testing.assert_array_equal(spoilt.values, whole.values)
+    assert spoilt.time == whole.time == samples[79].time
+
+
+def test_a_moment_that_waits_behind_a_silence_is_saved(description, samples, tmp_path):
+    tracker = streaming(description)
+    for sample in samples[:60]:
+        tracker.update(sample)
+    later = [replace(s, time=s.time + 100.0) for s in samples[60:64]]
+    tracker.update(later[0])
+    assert tracker.time == samples[59].time  # one alone may be of a clock that was wrong
+    restored = load_tracker(save_tracker(tracker, tmp_path / "state.npz"), description)
+    for one in (tracker, restored):
+        for sample in later[1:]:
+            one.update(sample)
+        assert one.log.counts["silence"] == 1
+    np.testing.assert_array_equal(tracker.values, restored.values)
+
+
 def test_bad_samples_and_names_are_told(description, samples):
     tracker = streaming(description)
     tracker.update(samples[0])
