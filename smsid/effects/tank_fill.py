@@ -122,7 +122,7 @@ class TankFill(TankEffect):
         k, c = np.array(tank.stiffness), np.array(tank.damping)
 
         def left(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            _, mass, stiffness = self.shares(v[turned])
+            _, mass, stiffness = self.shares(float(v[turned]))
             tau[rate] -= (stiffness - 1.0) * k * q[place] + (np.sqrt(mass * stiffness) - 1.0) * c * v[rate]
 
         def net(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
@@ -161,7 +161,7 @@ class _Spent:
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
-        self._weigh(v[self._meter])
+        self._weigh(float(v[self._meter]))
         return self._inertia(t, q, v)
 
     def derivatives(
