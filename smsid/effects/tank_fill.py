@@ -161,7 +161,7 @@ class _Spent:
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
-        self._weigh(v[self._meter])
+        self._weigh(float(v[self._meter]))
         return self._inertia(t, q, v)
 
     def derivatives(

@@ -56,8 +56,7 @@ class Change:
     ``alarm`` and ``began`` are times [s], ``began`` known to plus or minus ``grid`` [s]. ``names``,
     ``jumps`` and ``sigmas`` (k,) are in the parameters' units; ``log_p`` is the natural logarithm of the
     chance of as much without a change. ``others`` are further groups that would explain it, with how much
-    less likely:
-    differences of the log-likelihood.
+    less likely: differences of the log-likelihood.
     """
 
     alarm: float
@@ -218,17 +217,8 @@ class ChangeDetector:
         m = len(f.values)
         delta = np.zeros((len(f.covariance), m))
         delta[f.parameters] = np.eye(m)
-        self._starts.append(
-            _Start(
-                self._number,
-                time,
-                delta,
-                np.zeros(m),
-                np.zeros(m),
-                np.zeros((m, m)),
-                f.snapshot(),
-            )
-        )
+        score, whole, information = np.zeros(m), np.zeros(m), np.zeros((m, m))
+        self._starts.append(_Start(self._number, time, delta, score, whole, information, f.snapshot()))
         self._number += 1
         self._next = max(self._next + self.every, time)
 

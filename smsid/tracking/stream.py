@@ -107,7 +107,7 @@ class Stream:
         """
         if self.tracker is None and not self._first:
             raise RecordingError("No sample came.", advice='Send {"time": seconds, "channel": [numbers]}.')
-        out = self._start() if self.tracker is None else []
+        out = self._start(over=True) if self.tracker is None else []
         assert self.tracker is not None
         out += self._said(self.tracker.flush())
         if self._untold is not None:
@@ -149,19 +149,27 @@ class Stream:
             self._ahead.append(sample)
         else:
             self._first.append(sample)
-        enough = bool(self._first) and self._first[-1].time >= self._first[0].time + self.begin
+        waits = self.begin + (self.lateness or 0.0)
+        enough = bool(self._first) and self._first[-1].time >= self._first[0].time + waits
         return out + (self._start() if enough else [])
 
-    def _start(self) -> list[Discrimination]:
+    def _start(self, *, over: bool = False) -> list[Discrimination]:
         """Make the tracker of what came first."""
-        first = _recorded(self._first)
+        # what is newer than others may be late stays for the tracker to wait with
+        until = 0.0 if over else self.lateness or 0.0
+        until = max(x.time for x in self._first) - until
+        later = [x for x in self._first if x.time > until]
+        first = _recorded([x for x in self._first if x.time <= until])
         heard: deque[Update] = deque(maxlen=1)
         _, self.tracker = track_recordings(
             self.description, [first], warm_up=self.begin, hear=heard.append, **self._asked
         )
         self._first = []
         self._watch(self.tracker)
-        return self._said(heard)
+        out = self._said(heard)
+        for sample in later:
+            out += self._said(self.tracker.update(sample))
+        return out
 
     def _watch(self, tracker: Tracker) -> None:
         self._events = tracker.log.total

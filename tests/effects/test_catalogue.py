@@ -106,7 +106,7 @@ UNIT_OF_A_COUNT = {
     "kg^0.5",
     "kg^0.5 m",
     *("kg", "m", "Pa", "Hz", "1", "N/m", "N s/m", "kg/m^3", "N m s/rad", "N m", "rad", "kg m^2", "rad/s"),
-    *("kg m", "kg/s", "s", "N", "1/s^2", "m/s^2", "N/m^3", "N s^2/m^2", "1/s", "rad/(N m)", "N m/rad"),
+    *("kg m", "kg/s", "s", "N", "1/s^2", "s/m", "m/s^2", "N/m^3", "N s^2/m^2", "1/s", "rad/(N m)", "N m/rad"),
     *("N m s^2/rad^2", "N m s^3/rad^3", "N m/K", "N m s/(rad K)"),
 }
 

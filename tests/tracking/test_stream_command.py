@@ -65,8 +65,9 @@ def test_samples_out_of_order_are_waited_for_if_asked(folder):
     assert [x for x in named if x.get("event") == "late"]
     _, waited = stream(folder, "--lateness", "0.25", lines=mixed)
     assert not [x for x in waited if "event" in x]
-    for name, value in results(ordered)[-1]["parameters"].items():
-        assert results(waited)[-1]["parameters"][name] == pytest.approx(value, rel=1e-6)
+    ends, end = results(ordered)[-1], results(waited)[-1]
+    for name, value in ends["parameters"].items():  # begun by a little less, linear elsewhere
+        assert abs(end["parameters"][name] - value) < 0.01 * ends["sigmas"][name]
 
 
 def test_columns_go_by_their_labels(folder):
