@@ -113,7 +113,10 @@ def test_without_consumption_nothing_changes(tmp_path):
     d, inputs = craft(tmp_path), Inputs(force=Constant(np.array([3.0, 2.0, 1.0])))
     with_it, without = (
         simulate(build_model(x), inputs, 10.0).states(np.array([10.0])).v[0, :6]
-        for x in (d.with_effects(FILL.without_strength()), d.model_copy(update={"effect": d.effect[:-1]}))
+        for x in (
+            d.with_effects(FILL.model_copy(update={"consumption": 0.0})),
+            d.model_copy(update={"effect": d.effect[:-1]}),
+        )
     )
     assert np.abs(with_it - without).max() < 1e-9
 
