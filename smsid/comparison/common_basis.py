@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from smsid.comparison.central_inertia import in_terms_of
 from smsid.comparison.result import NotComparable
 from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate
@@ -72,9 +73,11 @@ def common_basis(first: Estimate, second: Estimate, sizes: Mapping[str, float] |
 
     By-products (biases, the state at a recording's start) belong to recordings and are left out. A
     combination that the other estimate has under another name is sought among the combinations of its
-    combinations. ``sizes`` are values of elements as described, by name, which say how much a factor that
+    combinations; of a body that one estimate tells about its centre of mass alone, the other is put so, too.
+    ``sizes`` are values of elements as described, by name, which say how much a factor that
     does not quite fit matters.
     """
+    first, second = in_terms_of(first, second), in_terms_of(second, first)
     terms = [_terms(e) for e in (first, second)]
     elements = tuple(dict.fromkeys(n for own in terms for t in own.values() for n in t))
     sides = [_side(e, t, elements) for e, t in zip((first, second), terms, strict=True)]
