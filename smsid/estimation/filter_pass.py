@@ -333,10 +333,9 @@ def run_plain(
             b = forcing @ lin.by_tau
             p[:] = change @ p @ change.T
             p[: 2 * nv, : 2 * nv] += (b * drive.noise) @ b.T
-            diagonal = p.reshape(-1)[:: len(p) + 1]  # a view: written in place
-            diagonal[2 * nv : first] += drive.walk * h_k
+            p[:first, :first] += walked(change[: 2 * nv, 2 * nv : first], drive.walk * h_k)
             if parameters is not None:
-                diagonal[first:] += parameters.rates * h_k
+                p.reshape(-1)[first * (len(p) + 1) :: len(p) + 1] += parameters.rates * h_k
             p[:] = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
     return kernel.DONE
 
@@ -360,6 +359,16 @@ def correction(
     white = inverse @ rest
     likely = -0.5 * float(white @ white) - float(np.log(low.diagonal()).sum())
     return rest, white, inverse, across @ inverse.T, np.sqrt(s.diagonal()), likely
+
+
+def walked(moved: np.ndarray, grown: np.ndarray) -> np.ndarray:
+    """Return the covariance (x + k, x + k) that random walks of unknown inputs give a state and themselves.
+
+    ``moved`` (x, k) is what a mean of one does to the state in an interval, ``grown`` (k,) by how much their
+    variances grow in it. The mean of a walk has a third of what its end has, and half of it in common.
+    """
+    across = 0.5 * moved * grown
+    return np.block([[(moved * (grown / 3.0)) @ moved.T, across], [across.T, np.diag(grown)]])
 
 
 def shift(pin_model: pin.Model, parameters: Parameters | None, state: State, step: np.ndarray) -> None:

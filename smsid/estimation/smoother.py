@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from smsid.estimation.filter_pass import walked
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.problem import Problem
@@ -80,8 +81,8 @@ def predicted_covariances(
         b = run.forcing[k] @ run.middle_inverse[k]
         p = run.transition[k] @ p @ run.transition[k].T + (b * input_noise) @ b.T
         if len(walk):
-            own = np.arange(width - len(walk), width)
-            p[own, own] += walk * (run.edges[k + 1] - run.edges[k])
+            moved = run.transition[k][: width - len(walk), width - len(walk) :]
+            p += walked(moved, walk * (run.edges[k + 1] - run.edges[k]))
         p = 0.5 * (p + p.T)
     return out
 

@@ -182,8 +182,16 @@ def spread(p, change, forcing, inverse, noise, walk, rates, h):
         for c in range(inner, width):
             p[r, c] = carried[r, c]
             p[c, r] = carried[r, c]
-    for i in range(acts):
-        p[inner + i, inner + i] += walk[i] * h
+    for i in range(
+        acts
+    ):  # the mean of a random walk over h has a third of its end's variance, half in common
+        own, grown = inner + i, walk[i] * h
+        p[own, own] += grown
+        for r in range(inner):
+            p[r, own] += 0.5 * grown * change[r, own]
+            p[own, r] = p[r, own]
+            for c in range(inner):
+                p[r, c] += grown / 3.0 * change[r, own] * change[c, own]
     for i in range(len(rates)):
         p[inner + acts + i, inner + acts + i] += rates[i] * h
     symmetrise(p)
