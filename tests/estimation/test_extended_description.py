@@ -34,7 +34,8 @@ def test_an_extended_description_is_identified(tmp_path):
     cause = SensorScale(name="cause", sensor="gyro", quantity="angular_rate", error=(0.0, 0.0, 0.015))
     point = replace(Point.of(given.with_effects(cause)), inertial={0: 20.0, 4: -6.0, 9: -4.0})
     fit = SimpleNamespace(point=point, problem=SimpleNamespace(parts=()))
-    extended, notes = with_inertial_shifts(SimpleNamespace(last=fit))
+    nominal = SimpleNamespace(point=Point.of(given))
+    extended, notes = with_inertial_shifts(SimpleNamespace(last=fit, nominal=nominal))
     assert not notes
     assert {e.kind for e in extended.effect} == {"sensor_scale", "body_error"}
     save_description(extended, tmp_path / "extended.toml")
