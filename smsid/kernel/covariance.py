@@ -182,9 +182,8 @@ def spread(p, change, forcing, inverse, noise, walk, rates, h):
         for c in range(inner, width):
             p[r, c] = carried[r, c]
             p[c, r] = carried[r, c]
-    for i in range(
-        acts
-    ):  # the mean of a random walk over h has a third of its end's variance, half in common
+    # the mean of a random walk over h has a third of its end's variance, and half of it in common
+    for i in range(acts):
         own, grown = inner + i, walk[i] * h
         p[own, own] += grown
         for r in range(inner):
