@@ -6,7 +6,6 @@ import copy
 import json
 import math
 import random
-import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,106 +13,25 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+from _fuzz_files import (
+    DESCRIPTION,
+    EXPERIMENT,
+    MAPPING,
+    PLAN,
+    URDF,
+    estimate,
+    log,
+    samples,
+    write_base,
+    write_toml,
+)
 
-URDF = """<?xml version="1.0"?>
-<robot name="small">
- <link name="bus"><inertial><origin xyz="0 0 0.1"/><mass value="100"/>
-  <inertia ixx="20" iyy="20" izz="15" ixy="0.5" ixz="0" iyz="0"/></inertial>
-  <visual><geometry><box size="1 1 1"/></geometry></visual></link>
- <link name="link1"><inertial><origin xyz="0.5 0 0"/><mass value="5"/>
-  <inertia ixx="0.02" iyy="0.4" izz="0.4" ixy="0" ixz="0" iyz="0"/></inertial></link>
- <joint name="joint1" type="revolute"><parent link="bus"/><child link="link1"/><origin xyz="0 0 0.5"/>
-  <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="1" effort="20"/></joint>
-</robot>
-"""
-DESCRIPTION: dict[str, Any] = tomllib.loads("""
-schema = 1
-name = "small"
-urdf = "small.urdf"
-[[arm]]
-name = "arm"
-joints = ["joint1"]
-home = { joint1 = 0.3 }
-[thrust]
-point = [0.0, 0.0, 0.0]
-max_force = 20.0
-[[wheel]]
-name = "wheel_x"
-axis = [1.0, 0.0, 0.0]
-position = [0.0, 0.0, -0.2]
-inertia = 0.05
-max_torque = 1.0
-max_rate = 400.0
-[[wheel]]
-name = "wheel_y"
-axis = [0.0, 1.0, 0.0]
-position = [0.0, 0.0, -0.2]
-inertia = 0.05
-[[wheel]]
-name = "wheel_z"
-axis = [0.0, 0.0, 1.0]
-position = [0.0, 0.0, -0.2]
-inertia = 0.05
-[[effect]]
-kind = "slosh"
-name = "tank"
-position = [0.0, 0.0, 0.1]
-mass = 5.0
-stiffness = [1.0, 1.0, 1.0]
-damping = [0.05, 0.05, 0.05]
-[[sensor]]
-name = "imu"
-kind = "imu"
-position = [0.1, 0.2, 0.3]
-preset = "reference"
-[[sensor]]
-name = "encoder"
-kind = "encoder"
-preset = "reference"
-""")
-EXPERIMENT: dict[str, Any] = {
-    "schema": 1,
-    "name": "short",
-    "duration": 0.4,
-    "hold_attitude": False,
-    "lock_joints": False,
-    "force": {"kind": "steps", "times": [0.0, 0.2], "values": [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0]]},
-    "joints": [0.1],
-}
-MAPPING: dict[str, Any] = {
-    "recording": {"name": "r", "role": "estimation"},
-    "time": {"column": "t", "unit": "s"},
-    "channel": {
-        "imu.angular_rate": {"columns": ["wx", "wy", "wz"], "unit": "rad/s", "frame": "body"},
-        "encoder.joint_position": {"columns": ["q"], "unit": "rad", "labels": ["joint1"]},
-    },
-}
-PARAMETER: dict[str, Any] = {
-    "name": "total.mass",
-    "value": 105.0,
-    "unit": "kg",
-    "sigma": 0.5,
-    "status": "identified",
-    "source": "r",
-    "nominal": 100.0,
-}
 WEIRD: list[Any] = [
     math.nan, math.inf, -math.inf, -1.0, 0, 0.0, 1e308, 1e-308, -1e-300, 2**62, 1e12, "text", "", True, [],
     [1.0], [0.0, 0.0, 0.0], [1.0] * 4, [math.nan] * 3, {}, {"a": 1}, "x" * 5000, "a b", "\u00fcn\u00ef\u2603",
     "\"quoted'", "<script>alert(1)</script>", "../../../etc/passwd", "/etc/passwd", "a/b", "a.b", "a,b",
     "[bold]x", "%s{0}", -0.0, [[1.0, 2.0, 3.0]], "1.0", "nan", "con", "\u202e", "..", ".", "a\x00b",
 ]  # fmt: skip
-PLAN: dict[str, Any] = {
-    "schema": 1,
-    "name": "few",
-    "description": "d.toml",
-    "experiments": ["s.toml"],
-    "runs": 1,
-    "seed": 3,
-    "method": "paper",
-    "truth": [{"parameters": ["tank.mass"], "relative": 0.1}, {"links": ["*"], "relative": 0.02}],
-    "noise": {"scale": 1.0, "sensors": {"imu": [0.5, 2.0]}, "known": False},
-}
 WORDS: list[str] = [
     "-1",
     "0",
@@ -150,52 +68,6 @@ def case(seed: int, number: int, folder: Path) -> Case:
     write_base(folder)
     what, words = MUTATIONS[kind](rng, folder)
     return Case(number, kind, what[:200], tuple(words))
-
-
-def write_base(folder: Path) -> None:
-    """Write sound files of every kind."""
-    (folder / "small.urdf").write_text(URDF, encoding="utf-8")
-    _toml(folder / "d.toml", DESCRIPTION)
-    _toml(folder / "s.toml", EXPERIMENT)
-    _toml(folder / "m.toml", MAPPING)
-    (folder / "e.json").write_text(json.dumps(estimate()), encoding="utf-8")
-    (folder / "l.csv").write_text(log(), encoding="utf-8")
-    (folder / "p.jsonl").write_text(samples(), encoding="utf-8")
-    _toml(folder / "c.toml", PLAN)
-    write_recording(folder)
-
-
-def write_recording(folder: Path) -> Path:
-    """Write the log as a recording, ``r.nc``."""
-    from smsid.recording import import_recording, save_recording
-
-    return save_recording(import_recording(folder / "l.csv", folder / "m.toml", check=False), folder / "r.nc")
-
-
-def estimate() -> dict[str, Any]:
-    """Return the document of a sound estimate."""
-    from smsid.identify.estimate import Estimate, classify
-
-    known = (
-        classify("total.mass", 105.0, "kg", 0.5, "r", nominal=100.0),
-        classify("tank.mass", 5.0, "kg", 0.1, "r", nominal=5.0),
-    )
-    return json.loads(Estimate("small", "paper", known).to_json())
-
-
-def log(n: int = 40) -> str:
-    """Return a sound log as CSV."""
-    rows = [f"{k / 100},{math.sin(k / 9):.6f},0.01,{k / 1e3},{math.cos(k / 20):.6f}" for k in range(n)]
-    return "t,wx,wy,wz,q\n" + "\n".join(rows) + "\n"
-
-
-def samples(n: int = 40) -> str:
-    """Return the same log as JSON lines, as ``smsid play`` gives it."""
-    lines = []
-    for k in range(n):
-        lines.append({"time": k / 100, "imu.angular_rate": [round(math.sin(k / 9), 6), 0.01, k / 1e3]})
-        lines.append({"time": k / 100, "encoder.joint_position": [math.cos(k / 20)]})
-    return "".join(json.dumps(x) + "\n" for x in lines)
 
 
 def judge(code: int, stdout: str, stderr: str, folder: Path) -> str:
@@ -251,10 +123,6 @@ def _missing_before(path: Path, name: str) -> bool:
 
     before = load_recording(path)
     return name in before and bool(np.isnan(before[name]).any())
-
-
-def _toml(path: Path, tables: Any) -> None:
-    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
 
 
 def _places(x: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -336,14 +204,22 @@ OF_DESCRIPTIONS = [
 ]
 
 
-def _description(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+def _of_toml(
+    rng: random.Random, path: Path, tables: dict[str, Any], calls: list[list[str]]
+) -> tuple[str, list[str]]:
+    """Write a TOML with one value changed, or its text shaken, and choose a command that reads it."""
     if rng.random() < 0.15:
-        what, data = shaken(rng, tomli_w.dumps(DESCRIPTION))
-        (folder / "d.toml").write_bytes(data)
+        what, data = shaken(rng, tomli_w.dumps(tables))
+        path.write_bytes(data)
     else:
-        what, tables = mutated(rng, DESCRIPTION)
-        _toml(folder / "d.toml", tables)
-    return what, [*rng.choice([*CALLS.values(), CALLS["show"], *OF_DESCRIPTIONS[:3]]), "--json"]
+        what, changed = mutated(rng, tables)
+        write_toml(path, changed)
+    return what, [*rng.choice(calls), "--json"]
+
+
+def _description(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
+    calls = [*CALLS.values(), CALLS["show"], *OF_DESCRIPTIONS[:3]]
+    return _of_toml(rng, folder / "d.toml", DESCRIPTION, calls)
 
 
 def _urdf(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
@@ -441,7 +317,7 @@ def _experiment(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
         what, data = shaken(rng, tomli_w.dumps(EXPERIMENT))
         (folder / "s.toml").write_bytes(data)
     else:
-        _toml(folder / "s.toml", tables)
+        write_toml(folder / "s.toml", tables)
     return what, [*rng.choice([CALLS["simulate"], ["show", "s.toml"]]), "--json"]
 
 
@@ -466,14 +342,8 @@ def _estimate(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
 
 
 def _mapping(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
-    if rng.random() < 0.15:
-        what, data = shaken(rng, tomli_w.dumps(MAPPING))
-        (folder / "m.toml").write_bytes(data)
-    else:
-        what, tables = mutated(rng, MAPPING)
-        _toml(folder / "m.toml", tables)
     calls = [["import", "l.csv", "--map", "m.toml", "-o", "o.nc"], ["inspect", "l.csv", "--with", "m.toml"]]
-    return what, [*rng.choice(calls), "--json"]
+    return _of_toml(rng, folder / "m.toml", MAPPING, calls)
 
 
 def _samples(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
@@ -488,13 +358,7 @@ def _samples(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
 
 
 def _plan(rng: random.Random, folder: Path) -> tuple[str, list[str]]:
-    if rng.random() < 0.15:
-        what, data = shaken(rng, tomli_w.dumps(PLAN))
-        (folder / "c.toml").write_bytes(data)
-    else:
-        what, tables = mutated(rng, PLAN)
-        _toml(folder / "c.toml", tables)
-    return what, [*rng.choice([CAMPAIGN, ["show", "c.toml"]]), "--json"]
+    return _of_toml(rng, folder / "c.toml", PLAN, [CAMPAIGN, ["show", "c.toml"]])
 
 
 def _arguments(rng: random.Random, folder: Path) -> tuple[str, list[str]]:

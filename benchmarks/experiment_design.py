@@ -39,7 +39,7 @@ from twins.state import State
 
 from smsid._files import atomic_write
 from smsid.design import Design, Limits, design_experiment
-from smsid.design.forecast import exact_covariance
+from smsid.design.forecast import exact_information
 from smsid.design.goal import goal_of
 from smsid.errors import SmsidError
 from smsid.experiments import Experiment, named_experiment, thrust_experiment
@@ -100,7 +100,7 @@ def bang_bang(duration: float) -> dict[str, float]:
     flown = thrust_experiment("x", force=force, duration=duration)
     at = Parameters.of(twin.model())
     goal = goal_of(at, ["tank.damping.x"], "worst", None)
-    relative = goal.relative(exact_covariance(twin.description(), flown))
+    relative = goal.relative_of(exact_information(twin.description(), flown))
     return {"duration": duration, "force": force, "relative": float(relative[0])}
 
 

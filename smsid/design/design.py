@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
-from smsid.design.forecast import exact_covariance
+from smsid.design.forecast import exact_information
 from smsid.design.goal import CRITERIA, Criterion, Goal, needs_motion
 from smsid.design.limits import Limits, experiment_use
 from smsid.design.minimum_time import minimum_time_design
@@ -218,7 +218,7 @@ def _finished(
     watch.stage = "predicting"
     goal = made.goal
     sigma, before = (
-        goal.relative(exact_covariance(model.description, e)) * goal.scales
+        goal.relative_of(exact_information(model.description, e)) * goal.scales
         for e in (made.experiment, reference)
     )
     notes = []

@@ -153,8 +153,8 @@ class Forecast:
         return np.zeros(count)
 
 
-def exact_covariance(description: Description, experiment: Experiment) -> np.ndarray:
-    """Return the covariance (n, n) of an experiment that is simulated first, parameters leading.
+def exact_information(description: Description, experiment: Experiment) -> Normal:
+    """Return the information (n, n) of an experiment that is simulated first, parameters leading.
 
     The bound of `smsid.likelihood.fisher_information`, by parameters instead of what is reported of them.
     """
@@ -167,7 +167,7 @@ def exact_covariance(description: Description, experiment: Experiment) -> np.nda
     piece = piece.following()
     piece = piece.with_input_noise(at, piece.predict(at, local))
     seen = Evaluation.at([piece], Point(at, (local,)))
-    return normal_at([piece], seen, Prior(at), with_data=False).covariance()
+    return normal_at([piece], seen, Prior(at), with_data=False)
 
 
 def wheel_inertias(model: SpacecraftModel) -> np.ndarray:

@@ -13,6 +13,7 @@ from smsid._listing import did_you_mean
 from smsid._short_repr import short_repr
 from smsid.errors import ExperimentError
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
+from smsid.likelihood.normal import Normal
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.model.spacecraft import SpacecraftModel
@@ -51,6 +52,11 @@ class Goal:
     def relative(self, covariance: np.ndarray) -> np.ndarray:
         """Return the relative standard deviations (k,) from a covariance (n, n), parameters first."""
         return np.sqrt(np.diag(self._relative_covariance(covariance)))
+
+    def relative_of(self, information: Normal) -> np.ndarray:
+        """Return the relative standard deviations (k,) from an information, parameters first."""
+        rows = self.gradients / self.scales[:, None]
+        return np.sqrt(np.diag(information.covariance_of(rows)))
 
     def _relative_covariance(self, covariance: np.ndarray) -> np.ndarray:
         scaled = self.gradients / self.scales[:, None]

@@ -122,13 +122,11 @@ class ExtraInertia:
         return sign * data.dtau_dq, sign * data.dtau_dv
 
 
-SLIDING = ("JointModelP", "JointModelH")
-"""How Pinocchio's joints of one coordinate are called that slide, or screw."""
-
-
 def turns(model: pin.Model, joint: int) -> bool:
     """Whether a joint of one coordinate turns, and does not slide."""
-    return not model.joints[joint].shortname().startswith(SLIDING)
+    own, data = model.joints[joint], model.joints[joint].createData()
+    own.calc(data, pin.neutral(model))
+    return not np.any(data.S[:3])
 
 
 class Rotor:

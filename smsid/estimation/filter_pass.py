@@ -335,7 +335,8 @@ def run_plain(
             p[: 2 * nv, : 2 * nv] += (b * drive.noise) @ b.T
             p[:first, :first] += walked(change[: 2 * nv, 2 * nv : first], drive.walk * h_k)
             if parameters is not None:
-                p.reshape(-1)[first * (len(p) + 1) :: len(p) + 1] += parameters.rates * h_k
+                own = range(first, len(p))
+                p[own, own] += parameters.rates * h_k
             p[:] = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
     return kernel.DONE
 

@@ -111,7 +111,7 @@ def _fisher(
     covariance = normal.covariance()
     jacobian = gradient_matrix(combinations, len(covariance), at.size, ())
     return FisherInformation(
-        tuple(combinations), jacobian @ covariance @ jacobian.T, prior_shares(normal, jacobian, covariance)
+        tuple(combinations), normal.covariance_of(jacobian), prior_shares(normal, jacobian, covariance)
     )
 
 

@@ -106,10 +106,8 @@ def resolved_information(
 
 def resolution(before: Normal, after: Normal, rows: np.ndarray) -> Resolution:
     """Return what another spline changes of what is reported, ``rows`` (k, size) by common parameters."""
-    size = rows.shape[1]
-    first, second = (x.covariance() for x in (before, after))
-    shift = rows @ (second @ after.gradient)[:size]
-    sigma = [np.sqrt(np.einsum("ij,jk,ik->i", rows, x[:size, :size], rows)) for x in (first, second)]
+    shift = rows @ (after.covariance() @ after.gradient)[: rows.shape[1]]
+    sigma = [np.sqrt(np.diag(x.covariance_of(rows))) for x in (before, after)]
     return Resolution(float(np.max(sigma[1] / sigma[0])), float(np.max(np.abs(shift) / sigma[1])))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import lapack, solve_triangular
 
 from smsid.errors import NotIdentifiableError
 from smsid.likelihood.jacobian import normal
@@ -35,12 +35,28 @@ class Normal:
         return Normal(self.data * both, self.prior * both, self.gradient * units)
 
     @cached_property
+    def _factor(self) -> tuple[np.ndarray, np.ndarray]:
+        return _factored(self.information)
+
+    @cached_property
     def _covariance(self) -> np.ndarray:
-        return inverse(self.information)
+        return _inverse(*self._factor)
 
     def covariance(self) -> np.ndarray:
         """Return the covariance (n, n) of the posterior, Gaussian."""
         return self._covariance
+
+    def covariance_of(self, rows: np.ndarray) -> np.ndarray:
+        """Return the covariance (k, k) of linear combinations, ``rows`` (k, m) by the first m unknowns.
+
+        From the factor of the information, not from the covariance: of what is known far better than each of
+        its terms, rounding there may be more than all of it.
+        """
+        lower, scale = self._factor
+        whole = np.zeros((len(scale), len(rows)))
+        whole[: rows.shape[1]] = (rows * scale[: rows.shape[1]]).T
+        part = solve_triangular(lower, whole, lower=True)
+        return part.T @ part
 
 
 def normal_at(
@@ -78,6 +94,11 @@ def inverse(information: np.ndarray) -> np.ndarray:
 
     Raises `NotIdentifiableError` naming the component when it is singular.
     """
+    return _inverse(*_factored(information))
+
+
+def _factored(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return L (n, n), lower, of a matrix that ``scale`` (n,), returned too, brings to unit diagonal."""
     scale = 1.0 / np.sqrt(np.diag(information))
     factor, fault = lapack.dpotrf(information * np.outer(scale, scale), lower=1, overwrite_a=1)
     if fault:
@@ -85,5 +106,9 @@ def inverse(information: np.ndarray) -> np.ndarray:
             "Neither data nor prior determine all parameters.",
             advice="Give the effect concerned a `prior`, or leave it out.",
         )
-    lower = np.tril(lapack.dpotri(factor, lower=1, overwrite_c=1)[0]) * np.outer(scale, scale)
+    return factor, scale
+
+
+def _inverse(factor: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    lower = np.tril(lapack.dpotri(factor, lower=1)[0]) * np.outer(scale, scale)
     return lower + np.tril(lower, -1).T

@@ -151,8 +151,7 @@ def _refine(
         notes.append(f"clocks that do not agree with the rest, estimated too: {off}")
     covariance = found.normal.covariance()
     jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)
-    seen = jacobian @ covariance
-    reported_covariance = seen @ jacobian.T
+    reported_covariance = found.normal.covariance_of(jacobian)
     held = prior_shares(found.normal, jacobian, covariance)
     parameters = [
         judged_by_share(c, float(np.sqrt(v)), share)
@@ -262,5 +261,5 @@ def prior_shares(normal: Normal, jacobian: np.ndarray, covariance: np.ndarray) -
     ``jacobian`` (rows, n) of what is reported, ``covariance`` (n, n) of the parameters.
     """
     spread = jacobian @ covariance
-    variance = np.einsum("ij,ij->i", spread, jacobian)
+    variance = np.diag(normal.covariance_of(jacobian))
     return np.einsum("ij,jk,ik->i", spread, normal.prior, spread) / variance

@@ -155,9 +155,8 @@ class Stream:
 
     def _start(self, *, over: bool = False) -> list[Discrimination]:
         """Make the tracker of what came first."""
-        # what is newer than others may be late stays for the tracker to wait with
-        until = 0.0 if over else self.lateness or 0.0
-        until = max(x.time for x in self._first) - until
+        # beside what is newer, others may come late: it stays for the tracker to wait with
+        until = max(x.time for x in self._first) - (0.0 if over else self.lateness or 0.0)
         later = [x for x in self._first if x.time > until]
         first = _recorded([x for x in self._first if x.time <= until])
         heard: deque[Update] = deque(maxlen=1)

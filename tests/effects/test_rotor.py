@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from smsid.description import load_description
 from smsid.effects import BodyError, GearCompliance
-from smsid.effects.spatial import Rotor
+from smsid.effects.spatial import Rotor, turns
 from smsid.errors import DescriptionError
 from smsid.model import build_model
 from smsid.sensing import Sensor
@@ -121,3 +121,20 @@ def test_a_link_that_slides_carries_no_rotor_round() -> None:
     slide = model.addJoint(2, pin.JointModelPX(), pin.SE3.Identity(), "slide")
     with pytest.raises(DescriptionError, match="slides"):
         Rotor(model, slide, 0.5, 0.3, gear=None, in_link=True)
+
+
+@pytest.mark.parametrize(
+    ("joint", "expected"),
+    [
+        (pin.JointModelRZ(), True),
+        (pin.JointModelRUBX(), True),
+        (pin.JointModelRevoluteUnaligned(np.array([0.6, 0.8, 0.0])), True),
+        (pin.JointModelPX(), False),
+        (pin.JointModelPrismaticUnaligned(np.array([0.0, 0.6, 0.8])), False),
+        (pin.JointModelHX(0.1), False),
+    ],
+    ids=lambda x: x.shortname() if hasattr(x, "shortname") else "",
+)
+def test_which_joints_turn(joint: object, expected: bool) -> None:
+    model = pin.Model()
+    assert turns(model, model.addJoint(0, joint, pin.SE3.Identity(), "j")) is expected

@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from smsid.errors import DescriptionError
+from smsid.likelihood.normal import Normal
 from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor, tangent
 from smsid.likelihood.runge_kutta import A, B, C, transitions
 from smsid.likelihood.spline import Samples, fit_motion
@@ -119,3 +120,16 @@ def test_spline_takes_positions_and_rates_and_states_its_error():
         )
         assert motion.rate_density[0] < 1e-4  # positions help
     np.testing.assert_allclose(np.mean(scores, axis=0), 1.0, atol=0.25)
+
+
+def test_a_sum_that_is_known_far_better_than_its_terms_has_the_deviation_of_exact_arithmetic():
+    """From the covariance it was the root of a negative number, or rounding."""
+    n, small = 3, 3e-7
+    prior, sums = np.eye(n), np.ones((n, n)) / small**2
+    found = Normal(sums, prior, np.zeros(n))
+    (variance,) = found.covariance_of(np.ones((1, n))).ravel()
+    assert variance == pytest.approx(1.0 / (1.0 / small**2 + 1.0 / n), rel=1e-6)
+    rows = np.random.default_rng(3).normal(size=(2, n - 1))
+    mild = Normal(np.diag([1.0, 4.0, 9.0]) + 0.5, prior, np.zeros(n))
+    expected = rows @ np.linalg.inv(mild.information)[:2, :2] @ rows.T
+    np.testing.assert_allclose(mild.covariance_of(rows), expected, rtol=1e-12)
