@@ -1,11 +1,11 @@
 """Staubli TX40: held-out torques and time of smsid and FIGAROH on the same data and split.
 
-Both train on the first two thirds of the record, low-passed at the published 100 Hz, and are judged on the
-last third: the same filtered motion, the same filtered torque. FIGAROH runs as its own example for this
-arm does (decimation by 10, weighted least squares), once without and once with the wrist's coupling
-columns that its example defines. Neither its report nor plots are timed. The diagnosis starts from the
-bare URDF and has to name friction and coupling by itself. Needs SMSID_DATA, or the extra
-`data` to download.
+Both train on the first two thirds of the record and predict the torques of the last third; both are asked for
+the published cut-off of 100 Hz. FIGAROH is judged on motion and torque low-passed there, smsid on its own
+smoothed motion and the mean torque about each of its instants. FIGAROH runs as its own example for this arm
+does (decimation by 10, weighted least squares), once without and once with the wrist's coupling columns that
+its example defines. Neither its report nor plots are timed. The diagnosis starts from the bare URDF and has
+to name friction and coupling by itself. Needs SMSID_DATA, or the extra `data` to download.
 
     python benchmarks/tx40.py
 """
