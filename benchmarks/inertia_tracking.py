@@ -21,7 +21,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 from _common import RESULTS, environment, write_result
 from _rigid_satellite import (
     DISTURBANCE,
@@ -39,9 +38,7 @@ from _rigid_satellite import (
 )
 from inertia_ladder import TACHOMETER, WHEEL, described, recorded
 
-from smsid.description.schema import Description
 from smsid.errors import SimulationError
-from smsid.model import build_model
 from smsid.tracking import Sample, Stream, Tracker, track_recordings
 
 NAME = "inertia_tracking"
@@ -66,15 +63,6 @@ BEGIN = 9.0  # [s] that the stream looks at first, to find where to be linear
 TARGETS = np.array([x for x in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(x)])
 
 
-def wheels_inertia(description: Description) -> np.ndarray:
-    """Return what wheels add to the bus's elements (6,): the truth is that of all, wheels locked."""
-    model = build_model(description)
-    whole = pin.crba(model.pin, model.data, model.home)[3:6, 3:6]
-    whole = np.triu(whole) + np.triu(whole, 1).T
-    bus = model.pin.inertias[1]
-    return elements(whole - (bus.inertia - bus.mass * pin.skewSquare(bus.lever, bus.lever)))
-
-
 def tracked(rung: str, torque: np.ndarray, seed: int, folder: Path) -> dict:
     """Return the errors of a history over time."""
     growth = GROWTH if rung == "ramping" else None
@@ -87,7 +75,6 @@ def tracked(rung: str, torque: np.ndarray, seed: int, folder: Path) -> dict:
     best = None
     description = described(folder, "disturbed")
     recording = recorded("disturbed", torque, motion, np.random.default_rng([seed, 7]))
-    more = wheels_inertia(description)
     for label, walk in walks.items():
         follow = dict.fromkeys([*NAMES, *PUSH], 0.0) | walk
         try:
@@ -101,7 +88,7 @@ def tracked(rung: str, torque: np.ndarray, seed: int, folder: Path) -> dict:
     _, walk, history = best
     truth = elements(INERTIA) + (0.0 if growth is None else np.outer(history.time, elements(growth)))
     place = [history.names.index(n) for n in NAMES]
-    off = history.values[:, place] + more - truth
+    off = history.values[:, place] - truth
     error = np.linalg.norm(off, axis=1) / np.linalg.norm(np.broadcast_to(truth, off.shape), axis=1)
     z = off / history.sigmas[:, place]
     row = {"walk": walk, "saturated": round(motion.saturated, 3), "at_end": float(error[-1])}
@@ -138,7 +125,7 @@ def slew(momentum: np.ndarray, target: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-def chosen(tracker: Tracker, momentum: np.ndarray, more: np.ndarray) -> np.ndarray:
+def chosen(tracker: Tracker, momentum: np.ndarray) -> np.ndarray:
     """Return the target (3,) after which the trace of the elements' covariance is least, as predicted."""
     f = tracker.filter
     place = [
@@ -149,7 +136,6 @@ def chosen(tracker: Tracker, momentum: np.ndarray, more: np.ndarray) -> np.ndarr
     ]
     information = np.linalg.inv(tracker.covariance[np.ix_(place, place)])
     here = np.concatenate([tracker.values[[tracker.names.index(n) for n in (*NAMES, *PUSH)]], f.v[3:6]])
-    here[:6] += more
     change = np.array([1e-4] * 6 + [1e-6] * 6)
     x = here + np.concatenate([np.diag(change), -np.diag(change)])
     inertia = np.array([with_elements(e) for e in x[:, :6]])[:, None]
@@ -172,7 +158,7 @@ def online(seed: int, folder: Path) -> dict:
     rng = np.random.default_rng([seed, 7])
     description = described(folder, "disturbed")
     follow = dict.fromkeys([*NAMES, *PUSH], 0.0)
-    stream, more = Stream(description, follow=follow, begin=BEGIN), wheels_inertia(description)
+    stream = Stream(description, follow=follow, begin=BEGIN)
     w, h, torque, queue, full = np.zeros(3), np.zeros(3), np.zeros(3), [], 0
     inverse, seconds = np.linalg.inv(INERTIA), []
     for k in range(len(TIMES)):
@@ -184,7 +170,7 @@ def online(seed: int, folder: Path) -> dict:
             began, tracker = time.perf_counter(), stream.tracker
             target = ENVELOPE * FULL * np.eye(3)[round(k * STEP / SEGMENT) % 3]
             if tracker is not None:
-                target = chosen(tracker, h, more)
+                target = chosen(tracker, h)
             seconds.append(time.perf_counter() - began)
             queue = list(slew(h, target))
         torque = queue.pop(0)
@@ -199,7 +185,7 @@ def online(seed: int, folder: Path) -> dict:
     assert tracker is not None
     tracker.flush()
     place = [tracker.names.index(n) for n in NAMES]
-    off, sigma = tracker.values[place] + more - elements(INERTIA), tracker.sigmas[place]
+    off, sigma = tracker.values[place] - elements(INERTIA), tracker.sigmas[place]
     norm = np.linalg.norm(elements(INERTIA))
     return {
         "at_end": float(np.linalg.norm(off) / norm),

@@ -217,8 +217,6 @@ def grasp(draw: int) -> list[dict]:
 
 def end(draw: int) -> list[dict]:
     """Return how far the filter ends from the batch estimate and from the truth, in standard deviations."""
-    from inertia_tracking import wheels_inertia
-
     from smsid.estimation.flight import flight_of
     from smsid.estimation.maximum import maximise
     from smsid.estimation.parameter_vector import Point
@@ -258,7 +256,7 @@ def end(draw: int) -> list[dict]:
         best = maximise(Point.of(d), unknowns, [flight_of(Point.of(d), recording, "minute", options)])[0]
         batch = np.array([best.point.value(u) for u in unknowns])
         batch += np.linalg.solve(best.gram, best.slope) * best.scales
-        truth = elements(INERTIA) - wheels_inertia(d)
+        truth = elements(INERTIA)
     sigma = history.sigmas[-1]
     return [
         {

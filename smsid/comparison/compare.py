@@ -13,8 +13,8 @@ from smsid.comparison.explanations import Differences, Explained, explain
 from smsid.comparison.result import LEVEL, Comparison, Finding, ParameterChange, Quantity
 from smsid.description.schema import Description
 from smsid.effects.base import AXES, Effect, catalogue
-from smsid.estimation.inertial_combinations import whole_bodies
 from smsid.identify.estimate import Estimate
+from smsid.identify.momentum_rows import whole_bodies
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel

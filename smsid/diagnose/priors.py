@@ -11,11 +11,11 @@ from smsid.description.schema import Description
 from smsid.diagnose.beam_values import with_beams
 from smsid.effects.base import Effect, Parameter
 from smsid.errors import SmsidError
-from smsid.estimation.inertial_combinations import whole_bodies
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
 from smsid.estimation.unknowns import moving_bodies
 from smsid.export.bodies import GROUPS, ROUNDED, identified_bodies, linear_terms, urdf_bodies
 from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
@@ -108,7 +108,7 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
         size = body_size(theta)
         for i, (label, unit) in enumerate(zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)):
             column = 10 * (j - 1) + i
-            value = theta[i] + point.inertial.get(column, 0.0)
+            value = point.inertial_value(column)
             add(f"{names[j - 1]}.{label}", "inertial", unit, value, size[i], None, column=column)
     designed = [e for e in point.description.effect if e.nominal]
     told_by_mode = {p.name.rpartition(".")[0] for e in designed for p in e.parameters()}

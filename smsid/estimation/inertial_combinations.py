@@ -18,11 +18,10 @@ from scipy.linalg import qr
 
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.identify.momentum_rows import carried_by_bus
+from smsid.identify.momentum_rows import whole_bodies
 from smsid.identify.paper.exp2_result import kind_of
 from smsid.likelihood.combinations import Combination
-from smsid.model.regressor import Regressor, body_names
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.regressor import body_names
 
 ELEMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of inertias, as inertial parameters have them
 AS_WELL = 2.0  # times a combination's standard deviation that may be that of what stands for it
@@ -68,12 +67,6 @@ def _polar(found: NormalEquations, i: int, described: Point) -> Combination:
     own = values[u.name]
     reference = float(np.pi) if not amplitude else None
     return Combination(u.name, own.unit, own.value, row * found.scales, before[u.name].value, reference)
-
-
-def whole_bodies(model: SpacecraftModel) -> np.ndarray:
-    """Return the inertial parameters (10 bodies,), the bus with its wheels and undeformed appendages."""
-    regressor = Regressor(model)
-    return regressor.parameters + carried_by_bus(model, regressor) if model.free else regressor.parameters
 
 
 def _by_effects(found: NormalEquations) -> tuple[np.ndarray, np.ndarray]:

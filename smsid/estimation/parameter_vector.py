@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from smsid.description.schema import Description
 from smsid.effects.base import Effect
+from smsid.identify.momentum_rows import whole_bodies
 from smsid.model import build_model, rebuild
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
@@ -126,12 +127,14 @@ class JointPrior:
 class Point:
     """One point: the description with its effects, shifts of inertial parameters by column, sensor biases.
 
-    ``biases`` by unknown's name: channel, axis and value are read from the name. ``within`` names, by effect,
-    the only one of several recordings that it acts in.
+    A body's parameters are called as an estimate calls them: ``whole`` (10 bodies,) is what the ``base`` has,
+    the bus with its wheels and undeformed appendages. ``biases`` by unknown's name: channel, axis and value
+    are read from the name. ``within`` names, by effect, the only one of several recordings that it acts in.
     """
 
     base: SpacecraftModel
     description: Description
+    whole: np.ndarray
     inertial: Mapping[int, float] = field(default_factory=dict)
     biases: Mapping[str, float] = field(default_factory=dict)
     within: Mapping[str, str] = field(default_factory=dict)
@@ -139,12 +142,13 @@ class Point:
     @classmethod
     def of(cls, description: Description) -> Point:
         """Return the description as it is."""
-        return cls(build_model(description), description)
+        base = build_model(description)
+        return cls(base, description, whole_bodies(base))
 
     def value(self, unknown: Unknown) -> float:
         """Return the value of a parameter here."""
         if unknown.kind == "inertial":
-            return self._urdf(unknown.column) + self.inertial.get(unknown.column, 0.0)
+            return self.inertial_value(unknown.column)
         if unknown.kind == "bias":
             return self.biases.get(unknown.name, 0.0)
         effect = self._owner(unknown.name)
@@ -169,7 +173,7 @@ class Point:
         for unknown, d in zip(unknowns, step, strict=True):
             new = float(np.clip(self.value(unknown) + d, *self.bounds(unknown)))
             if unknown.kind == "inertial":
-                inertial[unknown.column] = new - self._urdf(unknown.column)
+                inertial[unknown.column] = new - float(self.whole[unknown.column])
             elif unknown.kind == "bias":
                 biases[unknown.name] = new
             else:
@@ -189,8 +193,9 @@ class Point:
     def _owner(self, name: str) -> Effect:
         return self.description.get_effect(name.partition(".")[0])
 
-    def _urdf(self, column: int) -> float:
-        return float(self.base.pin.inertias[column // 10 + 1].toDynamicParameters()[column % 10])
+    def inertial_value(self, column: int) -> float:
+        """Return an inertial parameter here, by its place among those of all bodies."""
+        return float(self.whole[column]) + self.inertial.get(column, 0.0)
 
     def for_recording(self, label: str) -> Point:
         """Return the point with the biases of one recording, ``<label>: <channel>.bias.<axis>`` by name."""

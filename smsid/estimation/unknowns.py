@@ -89,11 +89,11 @@ def _inertial(point: Point, cad: Cad | None) -> list[Unknown]:
     stated = dict(cad) if isinstance(cad, Mapping) else {}
     found = []
     for j in own:
-        theta, own_theta = dynamic_parameters(model.pin.inertias[j]), urdf_body(model, j)
+        theta, own_theta = point.whole[10 * (j - 1) : 10 * j], urdf_body(model, j)
         size = body_size(own_theta)
         for i, (label, unit) in enumerate(zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)):
             column, name = 10 * (j - 1) + i, f"{names[j - 1]}.{label}"
-            value = float(theta[i] + point.inertial.get(column, 0.0))
+            value = point.inertial_value(column)
             nominal, sigma = value, relative * float(size[i])
             if name in stated:
                 mean, sigma = stated.pop(name)

@@ -22,6 +22,12 @@ def carried_by_bus(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
     return carried_matrix(model, regressor) @ regressor.parameters
 
 
+def whole_bodies(model: SpacecraftModel) -> np.ndarray:
+    """Return the inertial parameters (10 bodies,), the bus with its wheels and undeformed appendages."""
+    regressor = Regressor(model)
+    return regressor.parameters + carried_by_bus(model, regressor) if model.free else regressor.parameters
+
+
 def carried_matrix(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
     """Return the matrix (10 bodies, 10 bodies) from parameters of bodies to what `carried_by_bus` gives."""
     out = np.zeros((regressor.columns, regressor.columns))

@@ -181,8 +181,7 @@ def point_at(origin: Point, unknowns: Sequence[Unknown], values: Sequence[float]
     by_effect: dict[str, dict[str, float]] = {}
     for u, value in zip(unknowns, map(float, values), strict=True):
         if u.kind == "inertial":
-            own = origin.base.pin.inertias[u.column // 10 + 1].toDynamicParameters()[u.column % 10]
-            inertial[u.column] = value - float(own)
+            inertial[u.column] = value - float(origin.whole[u.column])
         elif u.kind == "bias":
             biases[u.name] = value
         else:

@@ -31,7 +31,7 @@ from smsid.tracking.setting import Setting
 from smsid.tracking.tracker import Tracker
 
 SCHEMA = "smsid.tracker"
-VERSION = 4
+VERSION = 5
 STATE = ("q", "v", "unknown", "values", "covariance")
 PASSED = ("edges", "readings", "attitudes", *Drive._fields[:8])
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers give equal bytes

@@ -45,7 +45,7 @@ class Satellite:
     wheel: float = 0.04
 
     def derivative(self, x, force, torque, wheel_torque):
-        """x: p, q (xyzw), v, w body, slosh, slosh rate, panel, panel rate, wheel momenta."""
+        """x: p, q (xyzw), v, w body, slosh, slosh rate, panel, panel rate, momenta of wheels in the body."""
         c0, cs = np.array(self.centre), np.array(self.tank_at)
         ms, ks, bs = self.tank
         f1, z1, lt, lr = self.panel
@@ -124,7 +124,10 @@ GYRO_AT = np.array([0.3, 0.2, 0.1])
 
 
 def recorded(truth, flown, rng, *, every=5, name="flight", without=()):
-    """Return the recording of a flight by noisy sensors, every n-th sample; channels may be left out."""
+    """Return the recording of a flight by noisy sensors, every n-th sample; channels may be left out.
+
+    The torque of a wheel's motor is what turns the wheel in space: against the body and with it.
+    """
     times, states, accelerations, inputs = (x[::every] for x in flown)
     n = len(times)
     q = states[:, 3:7]
@@ -136,7 +139,7 @@ def recorded(truth, flown, rng, *, every=5, name="flight", without=()):
     channels = {
         "command.force": inputs[:, :3],
         "command.torque": inputs[:, 3:6],
-        "command.wheel_torque": inputs[:, 6:9],
+        "command.wheel_torque": inputs[:, 6:9] + truth.wheel * dw,
         "st.attitude": attitude,
         "gyro.angular_rate": w + rng.normal(0.0, NOISE["angular_rate"], (n, 3)),
         "gyro.acceleration": force + rng.normal(0.0, NOISE["acceleration"], (n, 3)),

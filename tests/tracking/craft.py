@@ -27,7 +27,9 @@ def flight(seconds, seed=1, truth=RIGID, name="flight"):
     flown = truth.fly(seconds, mean_over_step, step=STEP)
     found = recorded(RIGID, flown, np.random.default_rng(seed), without=("gyro.acceleration",))
     channels = {c: found[c] for c in found.channels}
-    channels["command.wheel_torque"] = np.array([wheels(t) for t in found.time()])
+    # torques of motors as they are at the samples, jumps of the world's own held steps left out
+    body = np.linalg.solve(np.array(truth.inertia), -np.array([wheels(t) for t in found.time()]).T).T
+    channels["command.wheel_torque"] = np.array([wheels(t) for t in found.time()]) + truth.wheel * body
     return Recording.from_arrays(found.time(), channels, labels=found.labels, name=name)
 
 
