@@ -14,8 +14,10 @@ from smsid.errors import DescriptionError
 
 def spatial_inertia(theta: np.ndarray) -> np.ndarray:
     """Return the spatial inertia (6, 6) (linear first) of parameters (m, mc, xx, xy, yy, xz, yz, zz)."""
-    cross = pin.skew(theta[1:4])
-    return np.block([[theta[0] * np.eye(3), -cross], [cross, parameters_to_matrix(theta)]])
+    out, cross = np.zeros((6, 6)), pin.skew(theta[1:4])
+    out[0, 0] = out[1, 1] = out[2, 2] = theta[0]
+    out[:3, 3:], out[3:, :3], out[3:, 3:] = -cross, cross, parameters_to_matrix(theta)
+    return out
 
 
 class Motion:
