@@ -12,23 +12,20 @@ from threadpoolctl import threadpool_limits
 
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
-from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
+from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.estimation.commands_between_samples import as_commands_act, undecided, with_timing
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.inertial_combinations import reported
-from smsid.estimation.input_hold import VARYING
-from smsid.estimation.input_timing import timings
 from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
 from smsid.estimation.loosening import LOOSENED, loosened
 from smsid.estimation.maximum import converged, maximise, settled
-from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
+from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.problem import Timing
 from smsid.estimation.profile_interval import bound_intervals
-from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.combinations import Combination
@@ -38,7 +35,6 @@ from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
 NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
-CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
 WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 RESTARTS = 3  # times that a more likely point may be met where intervals are sought
 
@@ -127,13 +123,14 @@ def _identify(
         )
     prepared = time.perf_counter()
     found, flights, visited = _search(described, unknowns, flights, tell)
+    doubt, doubts = undecided(found, flights)
     searched = time.perf_counter()
     for _ in range(RESTARTS):
         quality = fit_quality(found)
         rows = [_as_density(r, densities) for r in reported(found, described)]
         own = len(rows)
         rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.kind == "bias"]
-        covariance = np.linalg.inv(found.gram)
+        covariance = np.linalg.inv(found.gram) + doubt
         gradient = np.array([r.gradient for r in rows])
         try:
             bent = bent_intervals(found, flights, gradient, covariance, quality.widening)
@@ -152,7 +149,7 @@ def _identify(
         _within_bounds(_judged(r, float(s), float(share), bent.get(k), quality), unknowns, limits)
         for k, (r, s, share) in enumerate(judgements)
     ]
-    notes = [quality.sentence, *(c.sentence for c in disagree)]
+    notes = [quality.sentence, *(c.sentence for c in disagree), *doubts]
     notes += [f"{f.label}: {n}" for f in flights for n in f.notes]
     notes += [f"'{n}' is not estimated: {why}" for n, why in asked.held.items()]
     if quality.widening > 1.0:
@@ -221,14 +218,14 @@ def _search(
         loose = [_loosened(f, share) for f in flights]
         point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
         flights = [
-            _with_timing(f, _as_commands_act(point, unknowns, x, False).problem.timing)
+            with_timing(f, as_commands_act(point, unknowns, x, False).problem.timing)
             for f, x in zip(flights, loose, strict=True)
         ]
     if tell is not None:
         tell("search with the model as it is")
     found, visited = maximise(point, unknowns, flights, tell=tell)
     rest, before = converged(found), flights
-    flights = [_as_commands_act(found.point, unknowns, f, rest) for f in flights]
+    flights = [as_commands_act(found.point, unknowns, f, rest) for f in flights]
     if any(a.problem.timing != f.problem.timing for a, f in zip(flights, before, strict=True)):
         found, more = maximise(found.point, unknowns, flights, tell=tell)
         visited += more
@@ -267,38 +264,6 @@ def _widest_turn(flight: Flight) -> float:
 def _loosened(flight: Flight, share: float) -> Flight:
     """Return a flight whose model may err, from sample to sample, by a share of what drives it."""
     return replace(flight, problem=loosened(flight.model, flight.problem, share))
-
-
-def _as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, at_rest: bool) -> Flight:
-    """Return the flight with commands held, linear or both between samples, as is most likely near a point.
-
-    Where the search is ``at_rest``, straight lines and curves are judged by what the likelihood would come to
-    one step of all parameters on: inertia may make up for a wave that straight lines cut off.
-    """
-    choices = timings(flight.problem.recording)
-    if len(choices) == 1:
-        return flight
-    now = flight.problem.timing
-    likely: dict[Timing, float] = {}
-    for timing in choices:
-        other = _with_timing(flight, timing)
-        try:
-            if at_rest and timing != now and {timing.hold, now.hold} <= set(VARYING):
-                here = normal_equations(point, unknowns, [other])
-                likely[timing] = predicted_gain(here, bounded_step(here)) - here.objective
-            else:
-                likely[timing] = -objective_of(point, unknowns, [other])
-        except SmsidError as error:
-            LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
-    best = max(likely, key=lambda t: likely[t], default=now)
-    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < CLEARLY:
-        best = now
-    LOGGER.info("commands of '%s' taken as %s, %s", flight.label, best.hold, best.side)
-    return _with_timing(flight, best)
-
-
-def _with_timing(flight: Flight, timing: Timing) -> Flight:
-    return replace(flight, problem=replace(flight.problem, timing=timing))
 
 
 def _bias(unknown: Unknown, i: int, found: NormalEquations) -> Combination:

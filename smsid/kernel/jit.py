@@ -74,7 +74,7 @@ def _digest() -> str:
 
 def compiled_already(function: Any) -> bool:
     """Return whether a function of `compiled_and_cached` is compiled, in this process or on the disk."""
-    return bool(getattr(function, "signatures", None)) or _on_disk(function)
+    return bool(getattr(function, "overloads", None)) or _on_disk(function)
 
 
 @cache

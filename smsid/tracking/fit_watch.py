@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+
+import numpy as np
 
 from smsid.estimation.fit_quality import WRONG
 from smsid.tracking.update import Update
@@ -10,7 +12,6 @@ from smsid.tracking.update import Update
 FEWEST, MEMORY = 20, 600  # readings of a component before it is judged; that its mean square goes back
 
 
-@dataclass
 class FitWatch:
     """Listens to a tracker. ``widening`` is the factor its standard deviations need, one while all is right.
 
@@ -19,19 +20,46 @@ class FitWatch:
     stays. ``component`` is where it was; ``squares`` are mean square and number of readings by component.
     """
 
-    widening: float = 1.0
-    component: str = ""
-    squares: dict[str, tuple[float, int]] = field(default_factory=dict)
+    def __init__(
+        self,
+        widening: float = 1.0,
+        component: str = "",
+        squares: Mapping[str, tuple[float, int]] | None = None,
+    ) -> None:
+        self.widening, self.component = widening, component
+        known = dict(squares or {})
+        self._names = list(known)
+        self._mean = np.array([mean for mean, _ in known.values()], dtype=float)
+        self._count = np.array([count for _, count in known.values()], dtype=int)
+        self._places: dict[tuple[str, ...], np.ndarray] = {}  # of the components read together
+
+    @property
+    def squares(self) -> dict[str, tuple[float, int]]:
+        """Mean square and number of readings by component."""
+        return dict(
+            zip(self._names, zip(self._mean.tolist(), self._count.tolist(), strict=True), strict=True)
+        )
 
     def hear(self, update: Update) -> None:
         """Take in an update."""
-        for name, x in zip(update.rows, update.normalised.tolist(), strict=True):
-            mean, count = self.squares.get(name, (0.0, 0))
-            count += 1
-            mean += (x * x - mean) / min(count, MEMORY)
-            self.squares[name] = mean, count
-            if count >= FEWEST and mean > max(WRONG, self.widening) ** 2:
-                self.widening, self.component = mean**0.5, name
+        at = self._places.get(update.rows)
+        if at is None:
+            at = self._places[update.rows] = self._places_of(update.rows)
+        count = self._count[at] + 1
+        mean = self._mean[at]
+        mean += (update.normalised**2 - mean) / np.minimum(count, MEMORY)
+        self._mean[at], self._count[at] = mean, count
+        worst = np.where(count >= FEWEST, mean, 0.0)
+        if len(worst) and worst.max() > max(WRONG, self.widening) ** 2:
+            k = int(worst.argmax())
+            self.widening, self.component = float(mean[k]) ** 0.5, update.rows[k]
+
+    def _places_of(self, rows: tuple[str, ...]) -> np.ndarray:
+        new = [name for name in rows if name not in self._names]
+        self._names += new
+        self._mean = np.append(self._mean, np.zeros(len(new)))
+        self._count = np.append(self._count, np.zeros(len(new), dtype=int))
+        return np.array([self._names.index(name) for name in rows], dtype=int)
 
     @property
     def explained(self) -> bool:

@@ -107,6 +107,9 @@ class ParameterFilter:
 
         Not while the point that the models are at is known better than what is believed.
         """
+        if self.begun is not None and self.time > self.begun.time + BEGINNING:
+            self._begin_again()
+            self.forget_beginning()
         off = np.abs(self.values - self.at.values)
         sigma = self.sigmas()
         moved = off > np.maximum(RELINEARISE * sigma, NEGLIGIBLE * self.scales)
@@ -128,7 +131,7 @@ class ParameterFilter:
                     return False
                 self.at, self.rebuilt, self.known_at = found, self.rebuilt + 1, sigma
                 self.moved = not found.drives
-                if len(self.since) >= GROWN * self.again:
+                if self.begun is not None and self.time - self.begun.time >= GROWN * self.again:
                     self._begin_again()
                 return True
             share *= 0.5
@@ -140,7 +143,7 @@ class ParameterFilter:
             return
         again = copy(self.begun)
         again.at = self.at
-        self.again, self.moved = len(self.since), False
+        self.again, self.moved = self.time - self.begun.time, False
         try:
             for given in self.since:
                 again.go_on(*given)
@@ -152,7 +155,7 @@ class ParameterFilter:
         """Go on without filtering the beginning again."""
         self.begun: ParameterFilter | None = None  # as the motion began, and what it was given since
         self.since: list[tuple] = []
-        self.again, self.moved = 0, False
+        self.again, self.moved = 0.0, False  # [s] of it that were filtered again
 
     def snapshot(self) -> ParameterFilter:
         """Return the filter as it is now, to go its own way."""
@@ -179,9 +182,6 @@ class ParameterFilter:
         self.time, self.last = float(edges[-1]), (edges, drive, values, attitudes)
         if self.begun is not None:
             self.since.append(self.last)
-            if self.time > self.begun.time + BEGINNING:
-                self._begin_again()
-                self.forget_beginning()
         return record
 
     def reference_offset(self) -> np.ndarray:

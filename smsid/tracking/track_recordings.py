@@ -235,15 +235,13 @@ class _Rows:
     watch: FitWatch
     table: dict[str, list] = field(default_factory=dict)
     fit: list[dict[str, float]] = field(default_factory=list)
-    sums: dict[str, tuple[float, int]] = field(default_factory=dict)
+    sums: dict[tuple[str, ...], list] = field(default_factory=dict)  # of squares, by what was read together
     log_likelihood: float = 0.0
 
     def hear(self, update: Update) -> None:
         self.log_likelihood += update.log_likelihood
-        for name, x in zip(update.rows, update.normalised.tolist(), strict=True):
-            channel = name.partition("[")[0]
-            total, count = self.sums.get(channel, (0.0, 0))
-            self.sums[channel] = (total + x * x, count + 1)
+        own = self.sums.setdefault(update.rows, [0.0, 0])
+        own[0], own[1] = own[0] + update.normalised**2, own[1] + 1
 
     def add(self, tracker: Tracker, number: int, shift: float, *, last: bool = False) -> None:
         now = tracker.time + shift
@@ -276,8 +274,17 @@ class _Rows:
         }
         for key, value in row.items():
             self.table.setdefault(key, []).append(value)
-        self.fit.append({c: float(np.sqrt(total / n)) for c, (total, n) in self.sums.items()})
+        self.fit.append(self._fit())
         self.sums = {}
+
+    def _fit(self) -> dict[str, float]:
+        """Return the root mean square of normalised innovations by channel, since the last row."""
+        squares: dict[str, list[float]] = {}
+        for rows, (total, count) in self.sums.items():
+            for name, square in zip(rows, np.broadcast_to(total, len(rows)).tolist(), strict=True):
+                own = squares.setdefault(name.partition("[")[0], [0.0, 0.0])
+                own[0], own[1] = own[0] + square, own[1] + count
+        return {channel: float(np.sqrt(square / count)) for channel, (square, count) in squares.items()}
 
     def stack(self, key: str) -> np.ndarray:
         return np.array(self.table[key])

@@ -34,7 +34,9 @@ from smsid.tracking.update import TrackedState, Update
 SETTLE = 1.0  # [s] that is waited for every channel before the motion begins
 WARM = 10.0  # [s] within which a motion that is lost is that of another spacecraft
 CHUNK = 25  # samples whose commands are looked up at once
-PASS = 0.1  # [s] of samples that are filtered at once, before models are built anew
+PASS = 0.1, 0.25  # [s] of samples that are filtered before models may be built anew: at first, and later
+SHARE = 0.05  # of the time since the motion began that a pass is in between
+CLOCK = 1e-6  # [s] by which times of samples may be rounded
 QUATERNION = 4
 
 
@@ -114,6 +116,7 @@ class Tracker:
         self.commands = CommandMemory(model, setting.hold)
         self.moving = False
         self._first = np.inf  # when the first motion began [s]
+        self._looks = -np.inf  # when models may be built anew next [s]
         self.samples = 0
         self._settling: list[Entry] = []
         self._before: np.ndarray | None = None
@@ -196,6 +199,7 @@ class Tracker:
         if not np.isfinite(self.filter.time):
             self.filter.time = self._first = time
         self.filter.begin(belief, time)
+        self._looks = time
         self.moving, self._before, self._settling = True, None, []
         self.log.add(time, "begun", "", "the motion begins")
 
@@ -329,7 +333,8 @@ class Tracker:
         out: list[Update] = []
         done = 0
         while at:
-            count = max(1, int(np.searchsorted(times[at], times[done] + PASS, side="right")))
+            # up to where models may be built anew: the same samples one by one and together
+            count = 1 + int(np.searchsorted(times[at], self._looks - CLOCK))
             reached, at = at[:count], at[count:]
             f.time, last = float(times[done]), reached[-1]
             here = slice(done, last + 1)
@@ -348,8 +353,8 @@ class Tracker:
             before = done
             for k in reached:
                 there = np.isfinite(read[k - done])
-                part = record if count == 1 else record.part(min(before + 1, k) - done, k - done)
-                update = self._told(part, float(times[k]), float(times[k] - times[before]), there)
+                part = 0 if count == 1 else min(before + 1, k) - done, k - done
+                update = self._told(record, part, float(times[k]), float(times[k] - times[before]), there)
                 before = k
                 out.append(update)
                 self.samples += 1
@@ -357,8 +362,10 @@ class Tracker:
                 if self.listener is not None:
                     self.listener(update)
             done = last
-            if f.relinearise() and f.at.drives:
-                drive = f.drive(known, times, setting.substep, self._before)
+            if f.time >= self._looks - CLOCK:
+                self._looks = f.time + float(np.clip(SHARE * (f.time - self._first), *PASS))
+                if f.relinearise() and f.at.drives:
+                    drive = f.drive(known, times, setting.substep, self._before)
         if len(times) > 1:
             self._before = drive.before[-1]
         return out
@@ -392,18 +399,21 @@ class Tracker:
                 if not np.isfinite(values[block.rows]).all():
                     values[block.rows] = np.nan
 
-    def _told(self, record: Record, time: float, passed: float, there: np.ndarray) -> Update:
-        names, every = self._row_names, bool(there.all())
+    def _told(
+        self, record: Record, part: tuple[int, int], time: float, passed: float, there: np.ndarray
+    ) -> Update:
+        names, k = self._row_names, part[1]
+        here = slice(None) if there.all() else there
         return Update(
             time,
-            record.values[-1],
-            record.sigmas[-1],
-            names if every else tuple(names[i] for i in np.flatnonzero(there)),
-            record.innovations[-1] if every else record.innovations[-1, there],
-            record.normalised[-1] if every else record.normalised[-1, there],
-            float(record.log_likelihood[-1]),
+            record.values[k],
+            record.sigmas[k],
+            names if there.all() else tuple(names[i] for i in np.flatnonzero(there)),
+            record.innovations[k, here],
+            record.normalised[k, here],
+            float(record.log_likelihood[k]),
             passed,
-            record,
+            (record, *part),
         )
 
 

@@ -67,8 +67,13 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
         "time": f.time,
         "moving": tracker.moving,
         "first": tracker._first,
+        "looks": tracker._looks,
         "samples": tracker.samples,
-        "watch": asdict(tracker.watch),
+        "watch": {
+            "widening": tracker.watch.widening,
+            "component": tracker.watch.component,
+            "squares": tracker.watch.squares,
+        },
         "rebuilt": f.rebuilt,
         "passed": tracker.buffer.passed,
         "newest": tracker.buffer.newest,
@@ -134,7 +139,7 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     watch = document["watch"]
     squares = {name: (mean, count) for name, (mean, count) in watch["squares"].items()}
     tracker.watch = FitWatch(watch["widening"], watch["component"], squares)
-    tracker._first = document["first"]
+    tracker._first, tracker._looks = document["first"], document["looks"]
     tracker.moving, tracker.samples = document["moving"], document["samples"]
     tracker._before = arrays.get("before")
     tracker._unknown_channels = set(document["unknown_channels"])

@@ -18,8 +18,8 @@ class Update:
 
     ``rows`` name what was read; ``normalised`` are its errors in their own standard deviations,
     ``innovations`` the same decorrelated; both are white with variance one while the model is right.
-    ``record`` is the filter's pass over the ``passed`` seconds since the moment before, which ends with it;
-    total least squares have none.
+    `record` is the filter's pass over the ``passed`` seconds since the moment before, which ends with it: of
+    ``within``, between two samples; total least squares have none.
     """
 
     time: float
@@ -30,7 +30,15 @@ class Update:
     normalised: np.ndarray
     log_likelihood: float
     passed: float = 0.0
-    record: Record | None = None
+    within: tuple[Record, int, int] | None = None
+
+    @property
+    def record(self) -> Record | None:
+        """What the filter made of it; looked up only where somebody asks."""
+        if self.within is None:
+            return None
+        record, first, last = self.within
+        return record if (first, last) == (0, len(record.values) - 1) else record.part(first, last)
 
 
 @short_repr

@@ -156,7 +156,8 @@ def test_a_restored_tracker_goes_on_exactly(description, samples, tmp_path):
     assert np.array_equal(whole.filter.values, second.filter.values)
     assert np.array_equal(whole.covariance, second.covariance)
     assert second.samples == 35
-    assert second.watch == whole.watch and second.watch.squares
+    assert second.watch.squares == whole.watch.squares and second.watch.squares
+    assert second.watch.widening == whole.watch.widening
 
 
 def test_a_saved_tracker_of_another_version_or_craft_is_refused(description, samples, tmp_path, monkeypatch):

@@ -1,0 +1,87 @@
+"""How commands go on between samples: as is likeliest, and what an estimate owes to that if it is not told."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import expit
+
+from smsid.errors import SmsidError
+from smsid.estimation.flight import Flight
+from smsid.estimation.input_hold import VARYING
+from smsid.estimation.input_timing import timings
+from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Timing
+from smsid.estimation.trust_region import bounded_step, predicted_gain
+
+LOGGER = logging.getLogger(__name__)
+CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
+NEGLIGIBLE = 0.1  # of a standard deviation, by which all parameters may differ before it is worth a note
+
+
+def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, at_rest: bool) -> Flight:
+    """Return the flight with commands held, linear or both between samples, as is most likely near a point.
+
+    Where the search is ``at_rest``, straight lines and curves are judged by what the likelihood would come to
+    one step of all parameters on: inertia may make up for a wave that straight lines cut off.
+    """
+    choices = timings(flight.problem.recording)
+    if len(choices) == 1:
+        return flight
+    now = flight.problem.timing
+    likely: dict[Timing, float] = {}
+    for timing in choices:
+        other = with_timing(flight, timing)
+        try:
+            if at_rest and timing != now and {timing.hold, now.hold} <= set(VARYING):
+                here = normal_equations(point, unknowns, [other])
+                likely[timing] = predicted_gain(here, bounded_step(here)) - here.objective
+            else:
+                likely[timing] = -objective_of(point, unknowns, [other])
+        except SmsidError as error:
+            LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
+    best = max(likely, key=lambda t: likely[t], default=now)
+    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < CLEARLY:
+        best = now
+    LOGGER.info("commands of '%s' taken as %s, %s", flight.label, best.hold, best.side)
+    return with_timing(flight, best)
+
+
+def with_timing(flight: Flight, timing: Timing) -> Flight:
+    """Return a flight whose commands act otherwise between samples."""
+    return replace(flight, problem=replace(flight.problem, timing=timing))
+
+
+def undecided(found: NormalEquations, flights: Sequence[Flight]) -> tuple[np.ndarray, list[str]]:
+    """Return what is added to the covariance (m, m), in scales, as straight lines may be curves, and notes.
+
+    Two models of a recording that are as likely before it are, after it, as their likelihoods; what is known
+    of parameters is their mixture, here about the more likely one. Source: Hoeting et al., Statist. Sci. 14
+    (1999) 382, eq. (6).
+    """
+    more, notes = np.zeros_like(found.gram), []
+    for k, flight in enumerate(flights):
+        now = flight.problem.timing
+        for timing in timings(flight.problem.recording):
+            if timing == now or not {timing.hold, now.hold} <= set(VARYING):
+                continue
+            others = [*flights[:k], with_timing(flight, timing), *flights[k + 1 :]]
+            try:
+                here = normal_equations(found.point, found.unknowns, others)
+            except SmsidError as error:
+                LOGGER.info("not %s: %s", timing.hold, error)
+                continue
+            step = bounded_step(here)
+            share = float(expit(predicted_gain(here, step) - here.objective + found.objective))
+            more += share * np.outer(step, step)
+            if share * float(step @ found.gram @ step) > NEGLIGIBLE**2:
+                notes.append(
+                    f"{flight.label}: nothing tells whether commands bend between samples: taken as {now.hold}, "
+                    f"they are {timing.hold} with a probability of {100 * share:.2g} %, which intervals "
+                    "include. Record commands at a higher rate"
+                )
+    return more, notes
