@@ -2,13 +2,13 @@
 
     python benchmarks/online.py [speed] [hours] [grasp] [end] [fuel] [--draws 50]
 
-*speed*: the paper's craft at 100 Hz for 60 and for 300 s, followed by chosen parameters, compiled and plain;
-times real time on one core, the whole of `track_recordings` and a sample alone. *hours*: one tracker with its
-change detector is fed a rigid satellite at 10 Hz in flights of 5000 s: alarms, and memory after each. *grasp*:
-the paper's craft without tank and panel at 20 Hz moves its arm; a body drifting with the gripper is grasped at
-an unknown time. *end*: the filter after a minute, begun by its first tenth, against the maximum of the
-posterior (`identify_flights`' own) and against the truth. *fuel*: ten burns of the numpy satellite that empty
-its tank. Rows that are there are not run again.
+*speed*: the paper's craft at 100 Hz for 60 and 300 s, by chosen parameters, compiled and plain; times real
+time on one core, the whole of `track_recordings` and a sample alone. *hours*: one tracker with its change
+detector is fed a rigid satellite at 10 Hz in flights of 5000 s: alarms, and memory after each. *grasp*:
+the paper's craft without tank and panel at 20 Hz moves its arm; a body drifting with the gripper is grasped
+at an unknown time. *end*: the filter after a minute, begun by its first tenth, against the maximum of the
+posterior (`identify_flights`' own) and against the truth. *fuel*: ten burns of the numpy satellite that
+empty its tank. Rows that are there are not run again.
 """
 
 from __future__ import annotations
