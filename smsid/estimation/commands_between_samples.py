@@ -1,4 +1,4 @@
-"""How commands go on between samples: as is likeliest, and what an estimate owes to that if it is not told."""
+"""How commands go on between samples, and what an estimate owes to that where it is not told."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
     best = max(likely, key=lambda t: likely[t], default=now)
-    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < CLEARLY:
+    either = at_rest and {best.hold, now.hold} <= set(VARYING)  # `undecided` says how far that is told
+    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEARLY):
         best = now
     LOGGER.info("commands of '%s' taken as %s, %s", flight.label, best.hold, best.side)
     return with_timing(flight, best)
@@ -80,8 +81,8 @@ def undecided(found: NormalEquations, flights: Sequence[Flight]) -> tuple[np.nda
             more += share * np.outer(step, step)
             if share * float(step @ found.gram @ step) > NEGLIGIBLE**2:
                 notes.append(
-                    f"{flight.label}: nothing tells whether commands bend between samples: taken as {now.hold}, "
-                    f"they are {timing.hold} with a probability of {100 * share:.2g} %, which intervals "
-                    "include. Record commands at a higher rate"
+                    f"{flight.label}: nothing tells whether commands bend between samples: taken as "
+                    f"{now.hold}, they are {timing.hold} with a probability of {100 * share:.2g} %, which "
+                    "intervals include. Record commands at a higher rate"
                 )
     return more, notes

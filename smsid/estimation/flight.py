@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from smsid.errors import RecordingError
 from smsid.estimation.initial_state import InitialPrior, initial_belief
-from smsid.estimation.input_hold import curved, input_channels, mixed, stepwise
+from smsid.estimation.input_hold import input_channels, mixed, stepwise
 from smsid.estimation.input_timing import timings
 from smsid.estimation.measurements import ChannelSlice, Measured, measurements_of
 from smsid.estimation.parameter_vector import Point
@@ -126,8 +126,7 @@ def _without_outliers(data: Measured) -> tuple[Measured, list[str]]:
 def likely_timing(recording: Recording) -> Timing:
     """Return how commands act between samples, as the recording says or as they look."""
     choices = timings(recording)
-    varies = "smooth" if curved(recording) else "linear"
-    looks = "jumps" if mixed(recording) else "held" if stepwise(recording) else varies
+    looks = "jumps" if mixed(recording) else "held" if stepwise(recording) else "linear"
     return next((t for t in choices if t.hold == looks), choices[0])
 
 

@@ -25,7 +25,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Unknown
 from smsid.tracking.linearisation import can_exist
 from smsid.tracking.parameter_filter import ParameterFilter
-from smsid.tracking.tracker import Tracker
+from smsid.tracking.tracker import PASS, Tracker
 from smsid.tracking.update import Update
 
 HOUR = 3600.0  # [s]
@@ -142,6 +142,7 @@ class ChangeDetector:
     changes: list[Change] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        self.tracker.longest_pass = PASS[0]  # a start lies between passes
         self._starts: list[_Start] = []
         self._last, self._number, self._next = -np.inf, 0, -np.inf
         self._size = 1.0

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
+from smsid.estimation.commands_between_samples import with_timing
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.identify_flights import labels_of
 from smsid.estimation.measurements import matrix
@@ -116,7 +117,10 @@ def _track(
     shift, ended = 0.0, None
     notes = list(tracker.start.notes)
     if estimate is None and warm_up > 0.0:
-        notes += linearise_by_search(tracker, described, flights[0], warm_up)
+        looked = flights[0].problem.timing
+        timing, more = linearise_by_search(tracker, described, flights[0], warm_up)
+        flights = [with_timing(f, timing) if f.problem.timing == looked else f for f in flights]
+        notes += more
     for number, (flight, recording) in enumerate(zip(flights, recordings, strict=True)):
         times = flight.problem.data.times
         start = None

@@ -115,6 +115,7 @@ class Tracker:
         self.buffer = SampleBuffer(TOGETHER * setting.substep, setting.lateness, self.log, setting.silence)
         self.commands = CommandMemory(model, setting.hold)
         self.moving = False
+        self.longest_pass = PASS[1]
         self._first = np.inf  # when the first motion began [s]
         self._looks = -np.inf  # when models may be built anew next [s]
         self.samples = 0
@@ -363,7 +364,9 @@ class Tracker:
                     self.listener(update)
             done = last
             if f.time >= self._looks - CLOCK:
-                self._looks = f.time + float(np.clip(SHARE * (f.time - self._first), *PASS))
+                self._looks = f.time + float(
+                    np.clip(SHARE * (f.time - self._first), PASS[0], self.longest_pass)
+                )
                 if f.relinearise() and f.at.drives:
                     drive = f.drive(known, times, setting.substep, self._before)
         if len(times) > 1:

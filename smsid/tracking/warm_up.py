@@ -11,15 +11,19 @@ from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.identify_flights import _search
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Timing
 from smsid.tracking.tracker import Tracker
 
 LOGGER = logging.getLogger(__name__)
 
 
-def linearise_by_search(tracker: Tracker, described: Point, flight: Flight, seconds: float) -> list[str]:
-    """Linearise a tracker about the most likely parameters of a flight's first seconds; return notes.
+def linearise_by_search(
+    tracker: Tracker, described: Point, flight: Flight, seconds: float
+) -> tuple[Timing, list[str]]:
+    """Linearise a tracker about the most likely parameters of a flight's first seconds.
 
-    Only the point of linearisation changes: means and covariances stay what they are.
+    Returns how commands act by that, and notes. Only the point of linearisation changes: means and
+    covariances stay what they are.
     """
     f = tracker.filter
     begun = _beginning(flight, seconds)
@@ -28,17 +32,17 @@ def linearise_by_search(tracker: Tracker, described: Point, flight: Flight, seco
         name = f"{flight.label}: {x.name}" if x.unknown.kind == "bias" else x.name
         unknowns.append(replace(x.unknown, name=name, nominal=float(mean), sigma=float(sigma)))
     try:
-        found, _, _ = _search(described, unknowns, [begun], None)
+        found, taken, _ = _search(described, unknowns, [begun], None)
     except SmsidError as error:
         LOGGER.info("no warm-up: %s", error)
-        return [
+        return flight.problem.timing, [
             f"the search over the first {seconds:.4g} s did not come to rest: models begin at the "
             "description's values, and bands may be too narrow at first"
         ]
     values = np.array([found.point.value(u) for u in unknowns])
     sigmas = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
     f.linearise_at(values, sigmas)
-    return []
+    return taken[0].problem.timing, []
 
 
 def _beginning(flight: Flight, seconds: float) -> Flight:

@@ -107,10 +107,11 @@ def test_the_size_of_the_sequential_test_under_the_null(description):
     rng, alarms, time, every = np.random.default_rng(4), 0, 0.0, 0.1
     for k in range(round(600.0 / every)):
         own = pattern[k % len(pattern)]
+        assert own.record is not None
         drawn = rng.standard_normal(own.record.innovations.shape)
         time += every
-        record = own.record._replace(innovations=drawn)
-        detector.hear(replace(own, time=time, passed=every, innovations=drawn[-1], record=record))
+        within = own.record._replace(innovations=drawn), 0, len(drawn) - 1
+        detector.hear(replace(own, time=time, passed=every, innovations=drawn[-1], within=within))
         if detector._alarm is not None:  # heard; on it goes
             alarms += 1
             detector._alarm, detector._starts = None, []
