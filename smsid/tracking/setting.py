@@ -13,11 +13,13 @@ from smsid.estimation.flight import Flight, longest_step
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.measurements import ChannelSlice, Measured, _block, _labels
-from smsid.estimation.problem import Noise, UnknownInput
+from smsid.estimation.problem import Noise, Problem, UnknownInput
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 
 WIDTHS = {"attitude": 3, "position": 3, "velocity": 3, "angular_rate": 3, "acceleration": 3}
+
+FEWEST = 3.0  # intervals between samples that are no silence
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Setting:
     a sample; ``locked`` degrees of freedom (indices in v) stand still; ``unknown_inputs`` are forces that
     nobody records. Commands are ``held`` until the next one, or vary linearly in between. Samples may come
     late by ``lateness`` [s]. After a silence of ``silence`` [s] the motion is begun anew from what is read
-    then; what is known of the parameters stays.
+    then; what is known of the parameters stays. It is shorter where forces are unknown (`bridged`).
     """
 
     channels: tuple[str, ...]
@@ -97,6 +99,7 @@ class Setting:
     def of_flight(cls, flight: Flight, *, lateness: float = 0.0, silence: float = 10.0) -> Setting:
         """Return the setting of a recording that was made ready for identification."""
         problem = flight.problem
+        silence = min(silence, bridged(problem))
         return cls(
             tuple(b.channel for b in problem.data.blocks),
             tuple(problem.data.sigma.tolist()),
@@ -127,8 +130,21 @@ class Setting:
         return Measured(np.zeros(0), np.zeros((0, start)), {}, tuple(blocks), np.array(self.sigma))
 
     def with_motion(self, other: Setting) -> Setting:
-        """Return the setting with joints driven as in another one, lateness and silence as here."""
-        return replace(other, lateness=self.lateness, silence=self.silence)
+        """Return the setting with joints driven as in another one, lateness as here, the shorter silence."""
+        return replace(other, lateness=self.lateness, silence=min(self.silence, other.silence))
+
+
+def bridged(problem: Problem) -> float:
+    """Return over how long a silence [s] unknown forces go on as they were: until their rate would undo them.
+
+    The root mean square of a force over that of its rate, from how far it may wander between samples. What it
+    does beyond is not linear in what moves it: a filter would learn parameters from its own guess.
+    """
+    data = problem.data
+    read = [data.times[np.isfinite(data.values[:, b.rows]).any(axis=1)] for b in data.blocks]
+    interval = min((float(np.median(np.diff(t))) for t in read if len(t) > 1), default=np.inf)
+    lasting = [u.sigma / u.walk * np.sqrt(interval) for u in problem.unknown_inputs if u.walk > 0.0]
+    return max(FEWEST * interval, min(lasting, default=np.inf))
 
 
 def _width(model: SpacecraftModel, sensor, quantity: str) -> int:

@@ -15,6 +15,7 @@ from smsid.estimation.identify_flights import identify_flights
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
+from smsid.recording import Recording
 from smsid.tracking import Sample, Tracker, load_tracker, save_tracker, track_recordings
 from smsid.tracking.sample import samples_of
 from smsid.tracking.setting import Setting
@@ -200,6 +201,23 @@ def test_a_stream_that_stops_begins_anew_and_keeps_the_parameters(description, s
     assert tracker.log.counts["silence"] == 1
     np.testing.assert_allclose(tracker.sigmas, known, rtol=0.2)
     assert tracker.time == later[-1].time
+
+
+@pytest.mark.parametrize("gap", [0.5, 2.0, 5.0])
+def test_gaps_teach_nothing_where_wheels_follow_their_measured_motion(description, gap):
+    """What wheels did in a gap is not known: gone on as before, 5 s of it made inertias wrong and sure."""
+    whole = flight(40.0)
+    t = whole.time()
+    there = ~((t > 15.0) & (t < 15.0 + gap - 1e-6))
+    channels = {c: np.asarray(whole[c])[there] for c in whole.channels}
+    cut = Recording.from_arrays(t[there], channels, labels=whole.labels, name="cut")
+    history, _ = track_recordings(description, [cut], follow=CONSTANT)
+    off = (history.values[-1] - true_inertia()) / history.sigmas[-1]
+    assert np.abs(off).max() < 3.0, off
+    full, _ = track_recordings(description, [whole], follow=CONSTANT)
+    assert (history.sigmas[-1] > 0.95 * full.sigmas[-1]).all()
+    told = [e for e in history.events if e.kind == "silence"]
+    assert len(told) == (gap > 1.0), history.events
 
 
 @pytest.mark.parametrize("ahead", [20.0, 1e12])
