@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.estimation.normal_equations import NormalEquations
+from smsid.estimation.normal_equations import NormalEquations, by_recording
 from smsid.likelihood.combinations import Combination
 
 LEVEL = 1e-4  # probability below which recordings contradict each other
@@ -64,7 +64,7 @@ def contradictions(
     ``rows`` are what a contradiction is put in terms of; standard deviations are ``widening`` times as large.
     """
     prior = np.diag((found.scales / np.array([u.sigma for u in found.unknowns])) ** 2)
-    parts = [Part(t.label, t.gram, t.slope) for t in found.terms]
+    parts = [Part(t.label, t.gram, t.slope) for t in by_recording(found.terms)]
     return contradictions_of(parts, prior, rows, widening)
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.estimation.normal_equations import InnovationSums, NormalEquations
+from smsid.estimation.normal_equations import InnovationSums, NormalEquations, by_recording
 from smsid.estimation.prior_conflict import PriorConflict, prior_conflict
 
 LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
@@ -100,7 +100,7 @@ class FitQuality:
 
 def fit_quality(found: NormalEquations) -> FitQuality:
     """Return how well the recordings are explained at a point."""
-    channels = [c for t in found.terms for c in _channels(t.label, t.innovations)]
+    channels = [c for t in by_recording(found.terms) for c in _channels(t.label, t.innovations)]
     return FitQuality(tuple(channels), _dispersion(found), prior_conflict(found))
 
 

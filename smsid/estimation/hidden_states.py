@@ -51,15 +51,18 @@ def hidden_states(found: FlightEstimate, *, parameters: bool = True) -> Recordin
         SmsidError: no flight has a hidden state.
     """
     channels: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    several = len({f.label for f in found.flights}) > 1
     modes: tuple[str, ...] = ()
     with threadpool_limits(limits=1, user_api="blas"):
         for flight in found.flights:
-            lead = "" if len(found.flights) == 1 else re.sub(r"\W+", "_", flight.label).strip("_") + "_"
+            lead = re.sub(r"\W+", "_", flight.label).strip("_") + "_" if several else ""
             modes = found.found.point.model().modes.names
             for shown in _of_flight(found, flight, parameters):
                 time = flight.problem.data.times
-                channels[f"{lead}{shown.source}.{shown.quantity}"] = (time, shown.values)
-                channels[f"{lead}{shown.source}_sigma.{shown.quantity}"] = (time, shown.sigma)
+                for source, values in ((shown.source, shown.values), (f"{shown.source}_sigma", shown.sigma)):
+                    name = f"{lead}{source}.{shown.quantity}"
+                    before = channels.get(name, (time[:0], values[:0]))  # another piece between gaps
+                    channels[name] = (np.append(before[0], time), np.concatenate([before[1], values]))
     if not channels:
         raise SmsidError(
             "Nothing is hidden in these flights: no slosh, mode, unrecorded force or bias.",

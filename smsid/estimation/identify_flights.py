@@ -18,6 +18,7 @@ from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
+from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported
 from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
 from smsid.estimation.loosening import LOOSENED, loosened
@@ -108,13 +109,12 @@ def _identify(
     modal, densities = modal_panels(description)
     described = Point.of(modal)
     asked = unknowns_of(described, cad=cad, bodies=bodies, components=True)
-    flights = [
-        flight_of(described, r, label, options)
-        for r, label in zip(recordings, labels_of(recordings), strict=True)
-    ]
+    labels = labels_of(recordings)
+    whole = [flight_of(described, r, label, options) for r, label in zip(recordings, labels, strict=True)]
+    flights = [piece for flight in whole for piece in pieces_of(described, flight)]
     unknowns = [*asked.unknowns]
     taken = {c for e in modal.effect if e.unknowns() for c in e.biased_channels()}
-    for flight in flights:
+    for flight in whole:
         present = set(flight.problem.recording.channels)
         unknowns += biases_of(description.effective_sensors(), present, flight.label, taken)
     if not unknowns:
@@ -162,7 +162,7 @@ def _identify(
         description=description.name,
         method=METHOD,
         parameters=tuple(parameters),
-        recordings=tuple(f.label for f in flights),
+        recordings=tuple(labels),
         timing={
             "preparation": prepared - began,
             "search": searched - prepared,

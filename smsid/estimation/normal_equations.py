@@ -36,7 +36,7 @@ class InnovationSums:
 
 @dataclass(frozen=True)
 class Term:
-    """One recording's part of the normal equations: data alone, no prior.
+    """A recording's part of the normal equations, or that of a piece of it: data alone, no prior.
 
     ``scatter`` (m, m) is the sum of the outer products of the slopes of `BLOCKS` parts of the recording:
     where the model is right and innovations are white, its mean is the Gram matrix.
@@ -49,6 +49,28 @@ class Term:
     log_likelihood: float
     samples: int
     innovations: InnovationSums
+
+
+def by_recording(terms: Sequence[Term]) -> tuple[Term, ...]:
+    """Return the terms with the pieces of a recording, which share its label, summed."""
+    out: dict[str, Term] = {}
+    for t in terms:
+        own = out.get(t.label)
+        if own is not None:
+            a, b = own.innovations, t.innovations
+            names = ("count", "squares", "products", "pairs")
+            sums = replace(a, **{n: getattr(a, n) + getattr(b, n) for n in names})
+            t = Term(
+                t.label,
+                own.gram + t.gram,
+                own.slope + t.slope,
+                own.scatter + t.scatter,
+                own.log_likelihood + t.log_likelihood,
+                own.samples + t.samples,
+                sums,
+            )
+        out[t.label] = t
+    return tuple(out.values())
 
 
 @dataclass(frozen=True)

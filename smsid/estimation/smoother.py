@@ -46,7 +46,7 @@ def smoothed_states(model: SpacecraftModel, problem: Problem) -> SmoothedStates:
     first, noise, walk = filtering.covariance, filtering.input_noise, filtering.walk
     run = filtering.advance(len(problem.data.times))
     change, covariance = bryson_frazier(
-        predicted_covariances(run, first, noise, walk),
+        predicted_covariances(run, first, problem.data.sigma**2, noise, walk),
         run.transition,
         run.sensitivity,
         run.whitening,
@@ -61,12 +61,13 @@ def smoothed_states(model: SpacecraftModel, problem: Problem) -> SmoothedStates:
 
 
 def predicted_covariances(
-    run: FilterRun, first: np.ndarray, input_noise: np.ndarray, walk: np.ndarray
+    run: FilterRun, first: np.ndarray, variance: np.ndarray, input_noise: np.ndarray, walk: np.ndarray
 ) -> np.ndarray:
     """Return the covariances (N, x, x) of the predictions, which a run does not keep.
 
-    ``first`` (x, x) is that at the first sample, ``input_noise`` (nv,) the variance of inputs over a sample,
-    ``walk`` (k,) by how much the unknown inputs' variance grows in a second.
+    ``first`` (x, x) is that at the first sample, ``variance`` (rows,) that of readings, ``input_noise`` (nv,)
+    that of inputs over a sample, ``walk`` (k,) by how much the unknown inputs' variance grows in a second.
+    Joseph's form, in which rounding dies out: the gains are the run's own.
     """
     n, width = len(run.gain), first.shape[0]
     out = np.empty((n, width, width))
@@ -76,8 +77,9 @@ def predicted_covariances(
         if k == n - 1:
             break
         there = run.used[k]
-        root = p @ run.sensitivity[k][there].T @ run.whitening[k][np.ix_(there, there)].T
-        p = p - root @ root.T
+        gain = run.gain[k][:, there]
+        left = np.eye(width) - gain @ run.sensitivity[k][there]
+        p = left @ p @ left.T + (gain * variance[there]) @ gain.T
         b = run.forcing[k] @ run.middle_inverse[k]
         p = run.transition[k] @ p @ run.transition[k].T + (b * input_noise) @ b.T
         if len(walk):

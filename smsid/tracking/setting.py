@@ -10,16 +10,15 @@ import numpy as np
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.flight import Flight, longest_step
+from smsid.estimation.gaps import bridged
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.measurements import ChannelSlice, Measured, _block, _labels
-from smsid.estimation.problem import Noise, Problem, UnknownInput
+from smsid.estimation.problem import Noise, UnknownInput
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 
 WIDTHS = {"attitude": 3, "position": 3, "velocity": 3, "angular_rate": 3, "acceleration": 3}
-
-FEWEST = 3.0  # intervals between samples that are no silence
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,8 @@ class Setting:
     a sample; ``locked`` degrees of freedom (indices in v) stand still; ``unknown_inputs`` are forces that
     nobody records. Commands are ``held`` until the next one, or vary linearly in between. Samples may come
     late by ``lateness`` [s]. After a silence of ``silence`` [s] the motion is begun anew from what is read
-    then; what is known of the parameters stays. It is shorter where forces are unknown (`bridged`).
+    then; what is known of the parameters stays. Where forces are unknown it is shorter
+    (`smsid.estimation.gaps.bridged`).
     """
 
     channels: tuple[str, ...]
@@ -132,19 +132,6 @@ class Setting:
     def with_motion(self, other: Setting) -> Setting:
         """Return the setting with joints driven as in another one, lateness as here, the shorter silence."""
         return replace(other, lateness=self.lateness, silence=min(self.silence, other.silence))
-
-
-def bridged(problem: Problem) -> float:
-    """Return over how long a silence [s] unknown forces go on as they were: until their rate would undo them.
-
-    The root mean square of a force over that of its rate, from how far it may wander between samples. What it
-    does beyond is not linear in what moves it: a filter would learn parameters from its own guess.
-    """
-    data = problem.data
-    read = [data.times[np.isfinite(data.values[:, b.rows]).any(axis=1)] for b in data.blocks]
-    interval = min((float(np.median(np.diff(t))) for t in read if len(t) > 1), default=np.inf)
-    lasting = [u.sigma / u.walk * np.sqrt(interval) for u in problem.unknown_inputs if u.walk > 0.0]
-    return max(FEWEST * interval, min(lasting, default=np.inf))
 
 
 def _width(model: SpacecraftModel, sensor, quantity: str) -> int:

@@ -38,7 +38,7 @@ def grown(folder, step):
     filtering = KalmanFilter(model, problem)
     first = filtering.covariance
     run = filtering.advance(len(times))
-    whole = predicted_covariances(run, first, filtering.input_noise, filtering.walk)
+    whole = predicted_covariances(run, first, problem.data.sigma**2, filtering.input_noise, filtering.walk)
     inverse = pin.computeMinverse(model.pin, model.pin.createData(), model.home)[wheel, wheel]
     return filtering.covariance, whole[-1], model.nv + wheel, inverse
 
