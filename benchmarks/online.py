@@ -326,7 +326,7 @@ def fuel(draw: int) -> list[dict]:
         follow |= {"tank.damping.*": 0.0, "fuel.consumption": 0.0}
         options = FlightOptions(drive="command")
         history, _ = track_recordings(
-            d.with_effects(*d.effect, fill), recordings, follow=follow, options=options, gap=60.0
+            d.with_effects(*d.effect, fill), recordings, follow=follow, options=options, gap=60.0, warm_up=0.0
         )
     place = {n: i for i, n in enumerate(history.names)}
     for i, (used, then) in enumerate(states):

@@ -23,7 +23,7 @@ from smsid.tracking.json_lines import Columns, parse_sample
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
 from smsid.tracking.track_recordings import track_recordings
-from smsid.tracking.tracker import Tracker
+from smsid.tracking.tracker import SETTLE, Tracker
 from smsid.tracking.update import Update
 
 BEGIN = 30.0  # [s]
@@ -137,6 +137,13 @@ class Stream:
         A moment behind a silence waits for a later one: where time goes on before it, its clock was wrong.
         """
         out: list[Discrimination] = []
+        if self._first:
+            late = max(x.time for x in self._first) - sample.time
+            if sample.time >= self._first[0].time - Setting.silence and late > max(
+                self.lateness or 0.0, SETTLE
+            ):
+                text = f"came {late:.3g} s late and is left out"
+                return [{"event": "late", "time": sample.time, "text": text}]
         for kept in (self._ahead, self._first):
             if kept and sample.time < kept[0].time - Setting.silence:
                 for wrong in kept:
@@ -228,7 +235,7 @@ def _change(change: Change) -> Discrimination:
 
 def _recorded(samples: Sequence[Sample]) -> Recording:
     """Return the recording of samples: a clock a source, what it did not read then is missing."""
-    sources: dict[str, dict[float, dict[str, np.ndarray]]] = {}
+    sources: dict[str, dict[int, dict[str, np.ndarray]]] = {}  # by microseconds: what is nearer is the same
     widths: dict[str, int] = {}
     for sample in samples:
         for name, x in sample.channels.items():
@@ -238,13 +245,14 @@ def _recorded(samples: Sequence[Sample]) -> Recording:
                     advice="Give all of them, always; null where one is missing.",
                     channel=name,
                 )
-            sources.setdefault(name.partition(".")[0], {}).setdefault(sample.time, {}).setdefault(name, x)
+            moments = sources.setdefault(name.partition(".")[0], {})
+            moments.setdefault(round(1e6 * sample.time), {}).setdefault(name, x)
     channels = {}
     for name, width in widths.items():
         read = sources[name.partition(".")[0]]
-        times, nothing = sorted(read), np.full(width, np.nan)
-        values = np.array([read[t].get(name, nothing) for t in times])
+        moments, nothing = sorted(read), np.full(width, np.nan)
+        times, values = 1e-6 * np.array(moments), np.array([read[t].get(name, nothing) for t in moments])
         if name.endswith(".acceleration") and width > 3:  # stations of a panel
             values = values.reshape(len(times), -1, 3)
-        channels[name] = np.array(times), values
+        channels[name] = times, values
     return Recording.from_arrays(None, channels, name="stream")

@@ -198,3 +198,14 @@ def test_changes_are_told_as_they_are_found(folder):
     axis = "gyro.angular_rate.bias.y"
     assert abs(event["jumps"][axis] - 3e-5) < 4.0 * event["sigmas"][axis]
     assert event["text"].startswith("gyro.angular_rate.bias changed at")
+
+
+def test_a_clock_that_is_set_back_at_the_beginning_is_told(folder):
+    """What comes twice, or between what there is, is late: once the whole stream ended in an error."""
+    head, *lines = play(folder / "flight.nc").splitlines(keepends=True)
+    samples = [json.loads(x) for x in lines]
+    for sample in samples[15:]:
+        sample["time"] -= 1.23
+    run, told = stream(folder, lines=head + "".join(json.dumps(x) + "\n" for x in samples))
+    assert run.exit_code == 0 and results(told)
+    assert {x["event"] for x in told if "event" in x} >= {"late"}
