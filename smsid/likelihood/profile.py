@@ -102,7 +102,8 @@ def not_gaussian(fit: Fit, prior: Prior, name: str, covariance: np.ndarray) -> b
     for side in (1.0, -1.0):
         step = side * np.sqrt(rise) * covariance[index] / sigma
         try:
-            there = evaluate(fit.pieces, step_point(fit.pieces, fit.point, step), prior)
+            motions = fit.normal.motion_steps(step, newton=False)
+            there = evaluate(fit.pieces, step_point(fit.pieces, fit.point, step, motions), prior)
         except SimulationError:
             return True
         if not (1.0 - BENT) ** 2 * rise < there - here < (1.0 + BENT) ** 2 * rise:

@@ -107,10 +107,13 @@ class MeasuredMotion:
 
         At ``times`` (N,) [s].
         """
-        columns = first[:, None] + np.arange(WINDOW)
-        return np.stack(
-            [np.take_along_axis(design(times, self.spline.t, d).toarray(), columns, axis=1) for d in range(3)]
-        )
+        out = np.zeros((3, len(times), WINDOW))
+        for d, own in enumerate(out):
+            found = design(times, self.spline.t, d).tocoo()
+            place = found.col - first[found.row]
+            inside = (place >= 0) & (place < WINDOW)  # others are zeros that are stored
+            own[found.row[inside], place[inside]] = found.data[inside]
+        return out
 
     def values(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return angle, rate and acceleration (N, k) each, at true ``times`` (N,) [s].
