@@ -7,6 +7,7 @@ afterwards.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +22,7 @@ from smsid.kernel.jit import available
 from smsid.kernel.tree import DAMPING, STIFFNESS
 from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.runge_kutta import STAGES, A, B, transitions
+from smsid.likelihood.runge_kutta import PLACES, STAGES, A, B, C, stage_values, transitions
 from smsid.likelihood.time_grid import Timeline
 from smsid.simulate.truth import rotation_matrices
 
@@ -186,15 +187,15 @@ def _carried_linear(
     pushed[:, n_rest:] = applied @ inverse
     inner = timeline.steps * STAGES
     stages = pushed[:inner].reshape(timeline.steps, STAGES, -1)
-    rates = [np.broadcast_to(rate, (timeline.steps, *rate.shape))] * STAGES
-    phi, gamma, _ = transitions(rates, list(np.moveaxis(stages, 1, 0)[..., None]), timeline.h)
-    assert gamma is not None
+    spans = np.diff(timeline.edges) / timeline.counts  # steps of a segment are alike
+    maps = transitions([np.broadcast_to(rate, (len(spans), *rate.shape))] * STAGES, spans)
+    one_each = stages[:, [C.tolist().index(c) for c in PLACES]].reshape(timeline.steps, -1)
     at_steps, ends = np.empty((timeline.steps, len(rate))), []
     x, step = np.zeros(len(rate)), 0
-    for count in timeline.counts:
-        for _ in range(count):
+    for count, phi, gamma in zip(timeline.counts, *maps, strict=True):
+        for driven in one_each[step : step + count] @ gamma.reshape(len(rate), -1).T:
             at_steps[step] = x
-            x = phi[step] @ x + gamma[step, :, 0]
+            x = phi @ x + driven
             step += 1
         ends.append(x)
     slopes = np.empty((STAGES, *at_steps.shape))
@@ -248,33 +249,26 @@ def _pose(
     """Position and quaternion of the bus at the nodes from its velocity at the evaluations."""
     steps = timeline.steps
     stage_v = v[: steps * STAGES, :6].reshape(steps, STAGES, 6)
-    rate = np.zeros((steps, STAGES, 4, 4))
     a, b, c = 0.5 * np.moveaxis(stage_v[..., 3:], -1, 0)
+    zero = np.zeros_like(a)
     # q_dot = q o (0, omega) / 2, x y z w
-    rows = ((0, c, -b, a), (-c, 0, a, b), (b, -a, 0, c), (-a, -b, -c, 0))
-    for i, row in enumerate(rows):
-        for j, value in enumerate(row):
-            rate[..., i, j] = value
-    h = timeline.h
-    phi, _, stages = transitions(list(np.moveaxis(rate, 1, 0)), None, h, stages=True)
-    assert stages is not None
-    at_steps = np.empty((steps, 4))
-    now = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
-    nodes, places = [], []
-    step = 0
-    for count in timeline.counts:
-        for _ in range(count):
-            at_steps[step] = now
+    rows = ((zero, c, -b, a), (-c, zero, a, b), (b, -a, zero, c), (-a, -b, -c, zero))
+    h, rate = timeline.h, list(np.moveaxis(np.array(rows), (0, 1, 3), (2, 3, 0)))
+    phi, _ = transitions(rate, h)
+    now, nodes = np.asarray(quaternion, dtype=float), []
+    places, first = [], np.concatenate([[0], np.cumsum(timeline.counts)])
+    for begin, stop in itertools.pairwise(first):
+        for turn in phi[begin:stop]:
             nodes.append(now)
-            now = phi[step] @ now
-            now = now / np.linalg.norm(now)
-            step += 1
+            now = turn @ now
         nodes.append(now)
+    # the maps are linear: what they do to the norm can be taken out at the end
     quaternions = np.array(nodes)
-    turned = np.einsum("sjab,sb->sja", stages, at_steps)
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    turned = stage_values(rate, quaternions[timeline.step_node], h)
     turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
-    inertial = np.einsum("sjab,sjb->sja", rotation_matrices(turned), stage_v[..., :3])
-    change = h[:, None] * np.einsum("j,sja->sa", B, inertial)
+    inertial = np.einsum("jsab,sjb->jsa", rotation_matrices(turned), stage_v[..., :3])
+    change = h[:, None] * np.einsum("j,jsa->sa", B, inertial)
     now, step = np.asarray(position, dtype=float), 0
     for count in timeline.counts:
         block = np.vstack([now, now + np.cumsum(change[step : step + count], axis=0)])

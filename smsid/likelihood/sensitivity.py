@@ -21,7 +21,7 @@ from smsid.likelihood.inputs import Drive
 from smsid.likelihood.linearised import POSE, linearise, small_adjoint, start_by_parameter
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, symmetric
-from smsid.likelihood.runge_kutta import C, transitions
+from smsid.likelihood.runge_kutta import PLACES, C, transitions
 from smsid.likelihood.spline import WINDOW
 from smsid.likelihood.time_grid import POINTS
 
@@ -137,24 +137,23 @@ class Variation:
             self.follow,
             self.moving,
         )
-        n, k, count = self.rows, len(self.moving), steps.stop - steps.start
+        k, count = len(self.moving), steps.stop - steps.start
         velocity = POSE + len(here.rest_v)
         h, width = timeline.h[steps], WINDOW * len(self.follow)
         first = self.first[timeline.step_node[steps]]
         rates = self._rates(here.v[:, :6], linear.by_state, steps, wide.start)
-        drives = {}
+        phi, ends = transitions([rates[c] for c in C], h)
         own, motion = (
             timeline.at_stages(x, steps, wide.start) for x in (linear.by_parameter, linear.by_motion)
         )
-        for c in own:
-            full = np.zeros((count, n, k + width))
-            full[:, velocity:, :k] = own[c]
-            if width:
-                times = timeline.step_starts[steps] + c * h
-                full[:, velocity:, k:] = self._following(motion[c], times, first)
-            drives[c] = full
-        phi, gamma, _ = transitions([rates[c] for c in C], [drives[c] for c in C], h)
-        assert gamma is not None
+        drives = np.empty((count, len(PLACES), len(self.drive.free), k + width))
+        for i, c in enumerate(PLACES):
+            drives[:, i, :, :k] = own[c]
+            times = timeline.step_starts[steps] + c * h
+            drives[:, i, :, k:] = self._following(motion[c], times, first)
+        # they drive velocities alone
+        ends = ends[..., velocity:].reshape(count, len(phi[0]), -1)
+        gamma = ends @ drives.reshape(count, -1, k + width)
         inner = slice(nodes.start - wide.start, nodes.stop - wide.start)
         times = timeline.evaluations[timeline.node_evaluation[nodes]]
         step = np.full(nodes.stop - nodes.start, -1)
