@@ -5,15 +5,15 @@ Both are low-passed alike by the span, so noise is not amplified, and neither is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smsid.recording._attitude import conjugate, multiply, rotate, rotation_vector, slerp
-from smsid.recording._clock import find_gaps
-from smsid.recording._resampling import linear
+from smsid.recording._clock import Gap, find_gaps
 
 FloatArray = NDArray[np.float64]
 
@@ -25,8 +25,12 @@ MAX_TURN = 0.7
 
 @dataclass(frozen=True)
 class SpanPair:
-    """Increments (M, k) of ``x`` and integrals (M, k) of its rate over ``span`` from ``begins`` (M,) [s]."""
+    """Increments (M, k) of ``x`` and integrals (M, k) of its rate over ``span`` from ``begins`` (M,) [s].
 
+    ``count`` samples are a span.
+    """
+
+    count: int
     span: float
     begins: FloatArray
     increments: FloatArray
@@ -48,49 +52,86 @@ class KinematicPair:
     kind: str = "plain"
     attitude: tuple[FloatArray, FloatArray] | None = None
 
-    def spans(self, lag: float = 0.0, only: float | None = None) -> Iterator[SpanPair]:
-        """Yield the spans, doubling from one sample; ``lag`` [s] takes the rate that much later."""
-        driven = integral(self.times, self.v)
+    @cached_property
+    def spans(self) -> tuple[SpanPair, ...]:
+        """The spans, doubling from one sample."""
+        found, count = [], 1
+        while (pair := self.shifted(count)) is not None:
+            found.append(pair)
+            count *= 2
+        return tuple(found)
+
+    def shifted(self, count: int, lag: float = 0.0, column: slice = slice(None)) -> SpanPair | None:
+        """Return the spans of so many samples, a power of two, or ``None`` where they are too few or long.
+
+        ``lag`` [s] takes the rate that much later; of a ``column`` of both alone.
+        """
         low, high = self.times[0] - lag, self.times[-1] - lag
         if self.attitude is not None:
             low, high = max(low, self.attitude[0][0]), min(high, self.attitude[0][-1])
-        inside = (self.t >= low) & (self.t <= high)
-        t, x = self.t[inside], self.x[inside]
-        if t.size <= 2 * MIN_SPANS:
-            return
-        s = linear(self.times, driven, np.clip(t + lag, self.times[0], self.times[-1]))
-        step = float(np.median(np.diff(t)))
-        span = 1
-        while span <= t.size // MIN_SPANS:
-            if only is None or abs(span * step - only) < 0.25 * step:
-                stride = max(1, span // 4)
-                a = self._increments(t, x, span, stride)
-                if a is None:
-                    return
-                b = s[span::stride] - s[:-span:stride]
-                begins, ends = t[:-span:stride], t[span::stride]
-                whole = ~(crosses_a_gap(self.t, begins, ends) | crosses_a_gap(self.times - lag, begins, ends))
-                if np.count_nonzero(whole) < MIN_SPANS:
-                    return
-                a, b = a[whole], b[whole]
-                yield SpanPair(span * step, begins[whole], a - a.mean(axis=0), b - b.mean(axis=0))
-            span *= 2
+        first, stop = np.searchsorted(self.t, low, side="left"), np.searchsorted(self.t, high, side="right")
+        size = int(stop - first)
+        if size <= 2 * MIN_SPANS or count > size // MIN_SPANS:
+            return None
+        stride = max(1, count // 4)
+        t = self.t[first:stop:stride]
+        begins, ends = t[: -(count // stride)], t[count // stride :]
+        a = self._increments(slice(first, stop - count, stride), count, column, once=lag == 0.0)
+        if a is None:
+            return None
+        at = np.clip(t + lag, self.times[0], self.times[-1])
+        s = np.column_stack([np.interp(at, self.times, own) for own in self._driven.T[column]])
+        b = s[count // stride :] - s[: -(count // stride)]
+        (own, rate), late = self._gaps, (begins + lag, ends + lag)
+        whole = ~(crosses_a_gap(own, begins, ends) | crosses_a_gap(rate, *late))
+        if np.count_nonzero(whole) < MIN_SPANS:
+            return None
+        a, b = a[whole], b[whole]
+        return SpanPair(count, count * self._step, begins[whole], a - a.mean(axis=0), b - b.mean(axis=0))
 
-    def _increments(self, t: FloatArray, x: FloatArray, span: int, stride: int) -> FloatArray | None:
-        before, after = x[:-span:stride], x[span::stride]
-        if self.kind == "attitude":
-            turned = rotation_vector(multiply(conjugate(before), after))
-            return None if np.linalg.norm(turned, axis=1).max() > MAX_TURN else turned
-        if self.kind == "inertial":
-            assert self.attitude is not None
-            middle = 0.5 * (t[:-span:stride] + t[span::stride])
-            return rotate(conjugate(slerp(*self.attitude, middle)), after - before)
-        return after - before
+    @cached_property
+    def _driven(self) -> FloatArray:
+        return integral(self.times, self.v)
+
+    @cached_property
+    def _step(self) -> float:
+        return float(np.median(np.diff(self.t)))
+
+    @cached_property
+    def _gaps(self) -> tuple[tuple[Gap, ...], tuple[Gap, ...]]:
+        return find_gaps(self.t), find_gaps(self.times)
+
+    @cached_property
+    def _kept(self) -> dict[int, FloatArray]:
+        return {}
+
+    def _increments(self, begins: slice, count: int, column: slice, *, once: bool) -> FloatArray | None:
+        """Increments from some samples on; those that turn are kept for other lags, unless asked ``once``."""
+        if self.kind == "plain":
+            x = self.x[:, column]
+            return x[begins.start + count : begins.stop + count : begins.step] - x[begins]
+        if once:
+            turned = self._turned(begins, count)
+        else:
+            if count not in self._kept:
+                self._kept[count] = self._turned(slice(0, self.t.size - count), count)
+            turned = self._kept[count][begins]
+        if self.kind == "attitude" and np.linalg.norm(turned, axis=1).max() > MAX_TURN:
+            return None
+        return turned[:, column]
+
+    def _turned(self, begins: slice, count: int) -> FloatArray:
+        ends = slice(begins.start + count, begins.stop + count, begins.step)
+        before, after = self.x[begins], self.x[ends]
+        if self.attitude is None:
+            return rotation_vector(multiply(conjugate(before), after))
+        times, values = self.attitude
+        middle = np.clip(0.5 * (self.t[begins] + self.t[ends]), times[0], times[-1])
+        return rotate(conjugate(slerp(times, values, middle)), after - before)
 
 
-def crosses_a_gap(t: FloatArray, begins: FloatArray, ends: FloatArray) -> NDArray[np.bool_]:
-    """Mark spans from ``begins`` (M,) to ``ends`` (M,) that reach over a gap of the clock ``t`` (N,) [s]."""
-    gaps = find_gaps(t)
+def crosses_a_gap(gaps: Sequence[Gap], begins: FloatArray, ends: FloatArray) -> NDArray[np.bool_]:
+    """Mark spans from ``begins`` (M,) to ``ends`` (M,) that reach over one of the gaps of a clock [s]."""
     if not gaps:
         return np.zeros(begins.size, dtype=bool)
     opens, closes = (np.array([getattr(g, end) for g in gaps]) for end in ("start", "end"))

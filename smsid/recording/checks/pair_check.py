@@ -102,7 +102,7 @@ class PairCheck:
 
     def _best(self, pair: KinematicPair) -> list[_Best | None]:
         best: list[_Best | None] = [None] * len(self.labels)
-        for span in pair.spans():
+        for span in pair.spans:
             a, b = span.increments, span.integrals
             aa, bb = np.sum(a * a, axis=0), np.sum(b * b, axis=0)
             floor = a.shape[0] * (1e-12 * (1.0 + float(np.abs(self.pair.x).max()))) ** 2
@@ -238,9 +238,9 @@ class PairCheck:
         # The component that correlates best dates best.
         i, b = max(good, key=lambda item: item[1].correlation)
         grid = np.arange(-MAX_LAG, MAX_LAG + 1e-9, max(0.02, 0.5 * step))
-        scores = np.array([self._correlation(i, lag, b.pair.span) for lag in grid])
+        scores = np.array([self._correlation(i, lag, b.pair.count) for lag in grid])
         k = int(np.argmax(scores))
-        without, at = self._correlation(i, 0.0, b.pair.span), float(scores[k])
+        without, at = self._correlation(i, 0.0, b.pair.count), float(scores[k])
         lag = float(grid[k])
         if k in (0, grid.size - 1) or abs(lag) < max(LAG, 2.5 * step):
             return None
@@ -258,18 +258,19 @@ class PairCheck:
         clear = abs(lag) > max(CLEAR_LAG, 4.0 * step)
         return Finding(who, (), "delay", other, (abs(lag), at, without), clear, sentence, mend)
 
-    def _correlation(self, i: int, lag: float, span: float) -> float:
-        for s in self.pair.spans(lag, span):
-            a, b = s.increments[:, i], s.integrals[:, i]
-            scale = math.sqrt(float(a @ a) * float(b @ b))
-            return float(a @ b) / scale if scale > 0.0 else 0.0
-        return 0.0
+    def _correlation(self, i: int, lag: float, count: int) -> float:
+        s = self.pair.shifted(count, lag, slice(i, i + 1))
+        if s is None:
+            return 0.0
+        a, b = s.increments[:, 0], s.integrals[:, 0]
+        scale = math.sqrt(float(a @ a) * float(b @ b))
+        return float(a @ b) / scale if scale > 0.0 else 0.0
 
 
 def _explained(pair: KinematicPair, usable: list[bool]) -> float | None:
     """Give the largest share of the integrals' variance that the increments explain, over all spans."""
     shares = []
-    for s in pair.spans():
+    for s in pair.spans:
         a, b = s.increments[:, usable], s.integrals[:, usable]
         total = float(np.sum(b * b))
         if total > 0.0:
