@@ -137,9 +137,7 @@ def eliminate(
     return whole.information, whole.gradient, motion
 
 
-def _without(
-    form: Form, start: int, readings: Agreement, *, clock: bool
-) -> tuple[Form, _Followed, float]:
+def _without(form: Form, start: int, readings: Agreement, *, clock: bool) -> tuple[Form, _Followed, float]:
     """Return a form without its coefficients from ``start`` on, how these follow, and their gain."""
     information, gradient = form.information.copy(), form.gradient.copy()
     joints, size = readings.gradient.shape[1], len(gradient)

@@ -110,7 +110,7 @@ def columns(
         whole[np.arange(n, len(whole)), inner] += 1.0
         for full, rows in zip(out, stretch.rows, strict=True):
             own = rows[: stretch.stop - stretch.nodes.start] @ whole
-            full[stretch.nodes.start : stretch.stop, :, where] = np.moveaxis(own, 2, 0)
+            full[stretch.nodes.start : stretch.stop, :, where] = own
         x = stretch.end @ whole
     return out
 

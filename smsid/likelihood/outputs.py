@@ -40,9 +40,7 @@ class Kinematics:
 
     def at(self, nodes: slice) -> Kinematics:
         """Return those of some nodes."""
-        return replace(
-            self, q=self.q[nodes], v=self.v[nodes], a=self.a[nodes], rotation=self.rotation[nodes]
-        )
+        return replace(self, q=self.q[nodes], v=self.v[nodes], a=self.a[nodes], rotation=self.rotation[nodes])
 
     def output(self, sensor: Sensor, quantity: str) -> np.ndarray:
         """Return what a sensor reads, (nodes, k); an attitude as quaternion (nodes, 4).

@@ -45,7 +45,9 @@ def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarra
         happened = _happened(s, clock, start)
         basis = design(happened, motion.spline.t, s.derivative)
         # before the start the joints stand still, whatever the time
-        rate = np.where((happened < start)[:, None], 0.0, _moved(motion, coefficients, happened, s.derivative + 1))
+        rate = np.where(
+            (happened < start)[:, None], 0.0, _moved(motion, coefficients, happened, s.derivative + 1)
+        )
         left = s.values - _moved(motion, coefficients, happened, s.derivative)
         weight = 1.0 / s.sigma**2
         slopes = -np.stack([rate, rate * (s.times - start)[:, None]], axis=-1)  # (N, k, 2)
@@ -79,7 +81,9 @@ def _happened(s: Samples, clock: np.ndarray, start: float) -> np.ndarray:
     return s.times - clock[0] - clock[1] * (s.times - start)
 
 
-def _moved(motion: MeasuredMotion, coefficients: np.ndarray, times: np.ndarray, derivative: int) -> np.ndarray:
+def _moved(
+    motion: MeasuredMotion, coefficients: np.ndarray, times: np.ndarray, derivative: int
+) -> np.ndarray:
     """A derivative (N, k) of the motion of other coefficients at times (N,), as `design` has it."""
     spline = motion.with_coefficients(coefficients).spline
     return spline(np.maximum(times, spline.t[0]), derivative)

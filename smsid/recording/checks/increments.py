@@ -5,7 +5,7 @@ Both are low-passed alike by the span, so noise is not amplified, and neither is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -52,14 +52,12 @@ class KinematicPair:
     kind: str = "plain"
     attitude: tuple[FloatArray, FloatArray] | None = None
 
-    @cached_property
-    def spans(self) -> tuple[SpanPair, ...]:
-        """The spans, doubling from one sample."""
-        found, count = [], 1
+    def spans(self) -> Iterator[SpanPair]:
+        """Yield the spans, doubling from one sample."""
+        count = 1
         while (pair := self.shifted(count)) is not None:
-            found.append(pair)
+            yield pair
             count *= 2
-        return tuple(found)
 
     def shifted(self, count: int, lag: float = 0.0, column: slice = slice(None)) -> SpanPair | None:
         """Return the spans of so many samples, a power of two, or ``None`` where they are too few or long.
