@@ -247,9 +247,10 @@ def variation(
     size = parameters.size + (0 if thrust is None else 3) + (0 if clocks is None else clocks.shape[3])
     every = np.arange(size)
     # at a motion of what moves that is no special one: what does nothing there does nothing anywhere
-    steps = np.sin(np.arange(1.0, prediction.model.nv + 1.0)) * (prediction.v.any(axis=0))
-    away = pin.integrate(prediction.model, prediction.q[0], steps)[None]
-    probe = replace(prediction, q=away, v=steps[None], a=steps[None, ::-1] * (steps != 0.0))
+    numbers = np.arange(1.0, prediction.model.nv + 1.0)
+    v, a = prediction.v.any(axis=0) * np.array([np.sin(numbers), np.cos(numbers)])
+    q = pin.integrate(prediction.model, prediction.q[0], v)
+    probe = replace(prediction, q=q[None], v=v[None], a=a[None])
     found = linearise(parameters, drive, probe, None, None, follow, every[: parameters.size])
     moves = np.ones(size, dtype=bool)
     moves[: parameters.size] = found.by_parameter.any(axis=(0, 1))
