@@ -22,7 +22,7 @@ from smsid.kernel.jit import available
 from smsid.kernel.tree import DAMPING, STIFFNESS
 from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.runge_kutta import PLACES, STAGES, A, B, C, stage_values, transitions
+from smsid.likelihood.runge_kutta import STAGES, A, B, stage_values, transitions
 from smsid.likelihood.time_grid import Timeline
 from smsid.simulate.truth import rotation_matrices
 
@@ -84,40 +84,27 @@ def predict(
     k_rest, d_rest = k[rest_v], d[rest_v]
     base = len(free) - len(rest_v)
 
-    if _only_translates(model, free):
-        mass = symmetric(pin.crba(model, data, q[0]))[np.ix_(free, free)]
-        _carried_linear(timeline, mass, applied, k_rest, d_rest, (q, v, a), (rest_q, free, base))
+    start = np.zeros(len(rest_v) + len(free))
+    start[len(rest_v) :] = start_velocity(model, data, q[0], v[0], free)
+    tree = tree_of(model, spacecraft.free) if available() else None
+    if tree is not None:
+        tree.bodies[rest_v - 6, STIFFNESS], tree.bodies[rest_v - 6, DAMPING] = k_rest, d_rest
+        given = (applied, (free, rest_q), timeline.counts, timeline.h, start, A, B)
+        lost = hybrid_motion(*tree.arrays, (q, v, a), *given)
     else:
-        start = np.zeros(len(rest_v) + len(free))
-        start[len(rest_v) :] = start_velocity(model, data, q[0], v[0], free)
-        tree = tree_of(model, spacecraft.free) if available() else None
-        if tree is not None:
-            tree.bodies[rest_v - 6, STIFFNESS], tree.bodies[rest_v - 6, DAMPING] = k_rest, d_rest
-            given = (applied, (free, rest_q), timeline.counts, timeline.h, start, A, B)
-            lost = hybrid_motion(*tree.arrays, (q, v, a), *given)
-        else:
-            places = (rest_q, free, base)
-            lost = _carried(timeline, model, applied, (k_rest, d_rest), (q, v, a), places, start)
-        if lost >= 0:
-            raise SimulationError(
-                f"The predicted motion is not finite at t = {times[lost]:.6g} s.",
-                advice="The starting guess is too far off: start from the linear method.",
-                time=times[lost],
-            )
+        places = (rest_q, free, base)
+        lost = _carried(timeline, model, applied, (k_rest, d_rest), (q, v, a), places, start)
+    if lost >= 0:
+        raise SimulationError(
+            f"The predicted motion is not finite at t = {times[lost]:.6g} s.",
+            advice="The starting guess is too far off: start from the linear method.",
+            time=times[lost],
+        )
     positions, quaternions = _pose(timeline, v, position, quaternion)
     nodes = timeline.node_evaluation
     q, v, a = q[nodes], v[nodes], a[nodes]
     q[:, :3], q[:, 3:7] = positions, quaternions
     return Prediction(model, timeline, q, v, a, rest_q, rest_v)
-
-
-def _only_translates(model: pin.Model, free: np.ndarray) -> bool:
-    """Whether nothing that is free turns: then the mass matrix is constant and the motion linear."""
-    if any(i in free for i in (3, 4, 5)):
-        return False
-    joints = [model.joints[j] for j in range(2, model.njoints)]
-    moving = [j for j in joints if any(j.idx_v + k in free for k in range(j.nv))]
-    return all("Prismatic" in j.shortname() or "Translation" in j.shortname() for j in moving)
 
 
 def _carried(
@@ -163,50 +150,6 @@ def _carried(
         if accelerate(timeline.steps * STAGES + segment, y) is None:
             return timeline.steps * STAGES + segment
     return -1
-
-
-def _carried_linear(
-    timeline: Timeline,
-    mass: np.ndarray,
-    applied: np.ndarray,
-    stiffness: np.ndarray,
-    damping: np.ndarray,
-    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
-    places: tuple[np.ndarray, np.ndarray, int],
-) -> None:
-    """Fill in q, v, a of a motion from rest with constant mass matrix: the Runge-Kutta rule as one matrix."""
-    q, v, a = motion
-    rest_q, free, base = places
-    n_rest, n_free = len(rest_q), len(free)
-    inverse = np.linalg.inv(mass)
-    rate = np.zeros((n_rest + n_free,) * 2)
-    rate[:n_rest, n_rest + base :] = np.eye(n_rest)
-    rate[n_rest:, :n_rest] = -inverse[:, base:] * stiffness
-    rate[n_rest:, n_rest + base :] = -inverse[:, base:] * damping
-    pushed = np.zeros((len(applied), n_rest + n_free))
-    pushed[:, n_rest:] = applied @ inverse
-    inner = timeline.steps * STAGES
-    stages = pushed[:inner].reshape(timeline.steps, STAGES, -1)
-    spans = np.diff(timeline.edges) / timeline.counts  # steps of a segment are alike
-    maps = transitions([np.broadcast_to(rate, (len(spans), *rate.shape))] * STAGES, spans)
-    one_each = stages[:, [C.tolist().index(c) for c in PLACES]].reshape(timeline.steps, -1)
-    at_steps, ends = np.empty((timeline.steps, len(rate))), []
-    x, step = np.zeros(len(rate)), 0
-    for count, phi, gamma in zip(timeline.counts, *maps, strict=True):
-        for driven in one_each[step : step + count] @ gamma.reshape(len(rate), -1).T:
-            at_steps[step] = x
-            x = phi @ x + driven
-            step += 1
-        ends.append(x)
-    slopes = np.empty((STAGES, *at_steps.shape))
-    states = np.empty((len(applied), len(rate)))
-    for j in range(STAGES):
-        y = at_steps + timeline.h[:, None] * np.tensordot(A[j, :j], slopes[:j], axes=1)
-        slopes[j] = y @ rate.T + stages[:, j]
-        states[j:inner:STAGES] = y
-    states[inner:] = np.array(ends)
-    q[:, rest_q], v[:, free] = states[:, :n_rest], states[:, n_rest:]
-    a[:, free] = (states @ rate.T + pushed)[:, n_rest:]
 
 
 def symmetric(upper: np.ndarray) -> np.ndarray:
