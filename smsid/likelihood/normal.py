@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, lapack, solve_triangular
 
 from smsid.errors import NotIdentifiableError
 from smsid.likelihood.elimination import EliminatedMotion
@@ -40,6 +40,21 @@ class Normal:
         both = np.outer(units, units)
         motions = tuple(x and (x[0], x[1] * units[x[0]], x[2]) for x in self.motions)
         return Normal(self.data * both, self.prior * both, self.gradient * units, motions)
+
+    def of_common(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the data's information (size, size) and gradient once all local parameters are estimated.
+
+        The gradient is that of data and prior, as it is.
+        """
+        data, gradient = self.data[:size, :size], self.gradient[:size]
+        rest = self.information[size:, size:]
+        if not len(rest):
+            return data, gradient
+        scale = 1.0 / np.sqrt(np.diag(rest))
+        right = np.column_stack([self.data[size:, :size], self.gradient[size:]])
+        solved = cho_solve(cho_factor(rest * np.outer(scale, scale)), scale[:, None] * right)
+        taken = self.data[:size, size:] @ (scale[:, None] * solved)
+        return data - taken[:, :-1], gradient - taken[:, -1]
 
     @property
     def motion_gain(self) -> float:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 STAGES = 7
-BLOCK = 32  # steps worked on at a time, so that they stay in the cache
+BLOCK = 20000  # numbers of a matrix of each step that are worked on at a time: they stay in the cache
 C = np.array([0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0])
 A = np.zeros((STAGES, STAGES))
 A[1, :1] = 1 / 3
@@ -35,8 +35,9 @@ def transitions(rate: Sequence[np.ndarray], h: np.ndarray) -> tuple[np.ndarray, 
     """
     steps, n, _ = rate[0].shape
     phi, gamma = np.empty((steps, n, n)), np.zeros((steps, n, len(PLACES), n))
-    for first in range(0, steps, BLOCK):
-        part = slice(first, min(first + BLOCK, steps))
+    block = max(BLOCK // n**2, 1)
+    for first in range(0, steps, block):
+        part = slice(first, min(first + block, steps))
         step = h[part, None, None]
         used = np.empty((STAGES, part.stop - first, n, n))
         total = np.broadcast_to(np.eye(n), used.shape[1:]).copy()
