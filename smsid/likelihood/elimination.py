@@ -28,25 +28,33 @@ class Form:
     """z^T H z / 2 - g^T z of a stretch of nodes, z = (x at the first, common columns, coefficients).
 
     ``information`` H (z, z), ``gradient`` g (z,), ``end`` (n, z): x at the first node of the next stretch.
-    ``first`` and ``stop`` number the coefficients, those of one time joint by joint.
+    ``rows`` of x; ``first`` and ``stop`` number the coefficients, those of one time joint by joint.
     """
 
     information: np.ndarray
     gradient: np.ndarray
     end: np.ndarray
+    rows: int
     first: int
     stop: int
 
     def with_later(self, later: Form, common: int) -> Form:
-        """Return the sum with the form of all later stretches, whose coefficients stop where these do."""
-        n, size = len(self.end), len(self.gradient)
+        """Return the sum with the form of all later stretches, whose coefficients stop where these do.
+
+        Their x, the first rows, is put as the end of this one; the other columns are among these.
+        """
+        x, size = self.end, len(self.gradient)
+        n = len(x)
         motion = len(later.gradient) - n - common
-        keep = np.concatenate([np.arange(n, n + common), np.arange(size - motion, size)])
-        return replace(
-            self,
-            information=self.information + _substituted(later.information, self.end, keep),
-            gradient=self.gradient + _taken_back(later.gradient, self.end, keep),
-        )
+        keep = np.r_[self.rows : self.rows + common, size - motion : size]
+        information, gradient = self.information.copy(), self.gradient + x.T @ later.gradient[:n]
+        information += x.T @ later.information[:n, :n] @ x
+        cross = x.T @ later.information[:n, n:]
+        information[:, keep] += cross
+        information[keep] += cross.T
+        information[np.ix_(keep, keep)] += later.information[n:, n:]
+        gradient[keep] += later.gradient[n:]
+        return replace(self, information=information, gradient=gradient)
 
 
 @dataclass(frozen=True)
@@ -92,43 +100,26 @@ class EliminatedMotion:
 
 
 def eliminate(
-    forms: Iterable[Form], start: np.ndarray, readings: Agreement | None, *, clock: bool
+    forms: Iterable[Form], common: int, readings: Agreement | None, *, clock: bool
 ) -> tuple[np.ndarray, np.ndarray, EliminatedMotion | None]:
     """Return information and gradient by (pose at the start, common columns), and how the motion follows.
 
-    ``forms`` from the last stretch to the first; ``start`` (n, 6 + common + coefficients of the first one): x
-    at the first node. ``readings``: what encoders say of the coefficients; of their ``clock`` too, if that is
-    sought: the last two of the common columns. Without readings there are no coefficients.
+    ``forms`` from the last stretch to the first, then an empty one whose x is the pose at the start, and
+    whose end is x at the first node. ``readings``: what encoders say of the coefficients; of their ``clock``
+    too, if that is sought: the last two of the common columns. Without readings there are no coefficients.
 
     Raises `NotIdentifiableError` when nothing tells a coefficient.
     """
-    followed: list[_Followed] = []
-    gain, whole = 0.0, None
+    forms = iter(forms)
+    whole, gain, followed = next(forms), 0.0, []
     for form in forms:
-        joints = 0 if readings is None else readings.gradient.shape[1]
-        common = len(form.gradient) - len(form.end) - joints * (form.stop - form.first)
-        if whole is not None:
-            if readings is not None:
-                whole, own, more = _without(whole, form.stop, readings, clock=clock)
-                followed.append(replace(own, before=form.first, carried=form.end))
-                gain += more
-            form = form.with_later(whole, common)
-        whole = form
-    assert whole is not None
-    pose = start.shape[1] - common - joints * whole.stop
-    keep = np.arange(pose, start.shape[1])
-    information = _substituted(whole.information, start, keep)
-    gradient = _taken_back(whole.gradient, start, keep)
+        if readings is not None:
+            whole, own, more = _without(whole, form.stop, readings, clock=clock)
+            followed.append(replace(own, before=form.first, carried=form.end))
+            gain += more
+        whole = form.with_later(whole, common)
     if readings is None:
-        return information, gradient, None
-    if followed:
-        carried = followed[-1].carried
-        assert carried is not None
-        through = np.zeros((carried.shape[1], start.shape[1]))
-        through[: len(start)] = start
-        through[len(start) + np.arange(len(keep)), keep] = 1.0
-        followed[-1] = replace(followed[-1], carried=carried @ through)
-    whole = Form(information, gradient, np.zeros((pose, 0)), 0, whole.stop)
+        return whole.information, whole.gradient, None
     whole, own, more = _without(whole, 0, readings, clock=clock)
     if clock:
         whole.information[-2:, -2:] += readings.of_clock
@@ -181,20 +172,3 @@ def _factor(scaled: np.ndarray) -> np.ndarray:
         "Neither encoders nor the other sensors tell how the joints moved.",
         advice="Use the part of the recording in which the joints' readings are there.",
     )
-
-
-def _substituted(information: np.ndarray, x: np.ndarray, keep: np.ndarray) -> np.ndarray:
-    """The form (z, z) in which x, its first rows, is put as ``x`` (n, z), and the others stay as ``keep``."""
-    n = len(x)
-    out = x.T @ information[:n, :n] @ x
-    cross = x.T @ information[:n, n:]
-    out[:, keep] += cross
-    out[keep] += cross.T
-    out[np.ix_(keep, keep)] += information[n:, n:]
-    return out
-
-
-def _taken_back(gradient: np.ndarray, x: np.ndarray, keep: np.ndarray) -> np.ndarray:
-    out = x.T @ gradient[: len(x)]
-    out[keep] += gradient[len(x) :]
-    return out

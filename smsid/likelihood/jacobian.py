@@ -73,10 +73,14 @@ def normal(
                 information += mixed.T @ mixed
                 if pull is not None:
                     gradient += rows[: len(band)].reshape(-1, size).T @ pull[own].ravel()
-            yield Form(information, gradient, stretch.end, *stretch.coefficients)
+            yield Form(information, gradient, stretch.end, len(stretch.end), *stretch.coefficients)
+        start = outputs.start()
+        size = start.shape[1]
+        yield Form(np.zeros((size, size)), np.zeros(size), start, POSE, *stretch.coefficients)
 
     readings = piece.encoders(local) if outputs.moves.coefficients else None
-    found, slope, motion = eliminate(forms(), outputs.start(), readings, clock=bool(outputs.clocks))
+    common = len(outputs.order) - POSE
+    found, slope, motion = eliminate(forms(), common, readings, clock=bool(outputs.clocks))
     size = parameters.size + piece.size
     information, gradient = np.zeros((size, size)), np.zeros(size)
     information[np.ix_(outputs.order, outputs.order)] = found

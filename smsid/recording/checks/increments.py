@@ -5,9 +5,9 @@ Both are low-passed alike by the span, so noise is not amplified, and neither is
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +74,7 @@ class KinematicPair:
         stride = max(1, count // 4)
         t = self.t[first:stop:stride]
         begins, ends = t[: -(count // stride)], t[count // stride :]
-        a = self._increments(slice(first, stop - count, stride), count, column, once=lag == 0.0)
+        a = self._increments(slice(first, stop - count, stride), count, column, kept=lag != 0.0)
         if a is None:
             return None
         at = np.clip(t + lag, self.times[0], self.times[-1])
@@ -99,30 +99,27 @@ class KinematicPair:
     def _gaps(self) -> tuple[tuple[Gap, ...], tuple[Gap, ...]]:
         return find_gaps(self.t), find_gaps(self.times)
 
-    @cached_property
-    def _kept(self) -> dict[int, FloatArray]:
-        return {}
-
-    def _increments(self, begins: slice, count: int, column: slice, *, once: bool) -> FloatArray | None:
-        """Increments from some samples on; those that turn are kept for other lags, unless asked ``once``."""
-        if self.kind == "plain":
-            x = self.x[:, column]
-            return x[begins.start + count : begins.stop + count : begins.step] - x[begins]
-        if once:
-            turned = self._turned(begins, count)
+    def _increments(self, begins: slice, count: int, column: slice, *, kept: bool) -> FloatArray | None:
+        """Increments (M, k) from some samples on; ``kept``: of all samples at once, for other lags too."""
+        if kept and self.kind != "plain":
+            found = self._turned(count)[begins]
         else:
-            if count not in self._kept:
-                self._kept[count] = self._turned(slice(0, self.t.size - count), count)
-            turned = self._kept[count][begins]
-        if self.kind == "attitude" and np.linalg.norm(turned, axis=1).max() > MAX_TURN:
+            ends = slice(begins.start + count, begins.stop + count, begins.step)
+            found = self._between(begins, ends)
+        if self.kind == "attitude" and np.linalg.norm(found, axis=1).max() > MAX_TURN:
             return None
-        return turned[:, column]
+        return found[:, column]
 
-    def _turned(self, begins: slice, count: int) -> FloatArray:
-        ends = slice(begins.start + count, begins.stop + count, begins.step)
+    @cached_property
+    def _turned(self) -> Callable[[int], FloatArray]:
+        return cache(lambda count: self._between(slice(0, self.t.size - count), slice(count, None)))
+
+    def _between(self, begins: slice, ends: slice) -> FloatArray:
         before, after = self.x[begins], self.x[ends]
-        if self.attitude is None:
+        if self.kind == "attitude":
             return rotation_vector(multiply(conjugate(before), after))
+        if self.attitude is None:
+            return after - before
         times, values = self.attitude
         middle = np.clip(0.5 * (self.t[begins] + self.t[ends]), times[0], times[-1])
         return rotate(conjugate(slerp(times, values, middle)), after - before)
