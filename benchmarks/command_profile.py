@@ -1,5 +1,7 @@
 """What each command spends its time on, the whole process: ``python benchmarks/command_profile.py``.
 
+Of some commands alone, what they need first: ``... "simulate exp2" view``. Rows of the others are kept.
+
 On the paper's craft: imports, the search for an excitation, building models, writing, and the work itself, in
 shares of the time. Categories are cumulative times of the functions that do them (`PARTS`), by cProfile,
 which slows Python code down: shares, not seconds. What is above a fifth beside the work is named.
@@ -7,6 +9,7 @@ which slows Python code down: shares, not seconds. What is above a fifth beside 
 
 from __future__ import annotations
 
+import argparse
 import json
 import pstats
 import subprocess
@@ -71,14 +74,24 @@ def share_of(stats: pstats.Stats, names: tuple[str, ...]) -> float:
 
 
 def main() -> None:
-    rows = {}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("commands", nargs="*", metavar="COMMAND", help=", ".join(COMMANDS))
+    chosen = parser.parse_args().commands or list(COMMANDS)
+    file = ROOT / "benchmarks" / "results" / "command_profile.json"
+    rows = json.loads(file.read_text())["commands"] if file.is_file() else {}
     with tempfile.TemporaryDirectory(prefix="profile-") as name:
         folder = Path(name)
         for label, command in COMMANDS.items():
+            if label not in chosen:
+                continue
             stats = profiled(command.format(craft=CRAFT).split(), folder)
             shares = {part: round(share_of(stats, names), 3) for part, names in PARTS.items()}
             shares["work"] = round(max(0.0, 1.0 - sum(shares.values())), 3)
-            rows[label] = {"seconds_profiled": round(stats.total_tt, 2), **shares}
+            rows[label] = {
+                "date": environment()["date"],
+                "seconds_profiled": round(stats.total_tt, 2),
+                **shares,
+            }
             print(label, json.dumps(rows[label]), flush=True)
             above = [f"{c}: {p}" for c, row in rows.items() for p in PARTS if row[p] > 0.2]
             found = {"commands": rows, "above_a_fifth": above}
