@@ -79,6 +79,7 @@ def main() -> None:
     chosen = parser.parse_args().commands or list(COMMANDS)
     file = ROOT / "benchmarks" / "results" / "command_profile.json"
     rows = json.loads(file.read_text())["commands"] if file.is_file() else {}
+    earlier = set(rows)
     with tempfile.TemporaryDirectory(prefix="profile-") as name:
         folder = Path(name)
         for label, command in COMMANDS.items():
@@ -87,14 +88,11 @@ def main() -> None:
             stats = profiled(command.format(craft=CRAFT).split(), folder)
             shares = {part: round(share_of(stats, names), 3) for part, names in PARTS.items()}
             shares["work"] = round(max(0.0, 1.0 - sum(shares.values())), 3)
-            rows[label] = {
-                "date": environment()["date"],
-                "seconds_profiled": round(stats.total_tt, 2),
-                **shares,
-            }
+            rows[label] = {"seconds_profiled": round(stats.total_tt, 2), **shares}
+            earlier.discard(label)
             print(label, json.dumps(rows[label]), flush=True)
             above = [f"{c}: {p}" for c, row in rows.items() for p in PARTS if row[p] > 0.2]
-            found = {"commands": rows, "above_a_fifth": above}
+            found = {"commands": rows, "above_a_fifth": above, "of_an_earlier_run": sorted(earlier)}
             write_result("command_profile", {"environment": environment("pin", "numpy", "scipy"), **found})
 
 
