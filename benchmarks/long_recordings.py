@@ -4,7 +4,7 @@
     python benchmarks/long_recordings.py 10000 100000 --method ml
 
 Each length is run in a process of its own, of which the CPU time and the largest resident memory are taken;
-one that only imports and prepares is the offset. Of the default method, which starts from the paper's, the
+one that only imports and prepares is the offset. Lengths measured before are kept. Of the default method, which starts from the paper's, the
 seconds of the refinement are told too. The rigid spacecraft (no slosh, no panel) goes to and fro
 along one free-floating motion of 80 s. What floats at zero momentum follows the same path at any pace, so
 this is exact however long it lasts. Noise is that of preset `reference`. Errors of the estimate are given in
@@ -174,12 +174,13 @@ def main() -> None:
         return
     file = ROOT / "benchmarks" / "results" / f"{NAME}.json"
     known = json.loads(file.read_text()) if file.is_file() else {}
-    rows: list[dict[str, Any]] = []
+    by_length = {r["samples"]: r for r in known.get(args.method, {}).get("runs", [])}
     for samples in [0, *args.samples]:
         command = [sys.executable, __file__, str(samples), "--one", "--method", args.method]
         out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        rows.append(json.loads(out.splitlines()[-1]))
-        print(rows[-1], flush=True)
+        by_length[samples] = json.loads(out.splitlines()[-1])
+        print(by_length[samples], flush=True)
+        rows = [by_length[n] for n in sorted(by_length)]
         used = [r for r in rows if r["samples"]]
         result: dict[str, Any] = {"environment": environment("pin", "numpy", "scipy"), "runs": rows}
         if used:
