@@ -101,23 +101,23 @@ def linearise(
     return Linear(by_state, by_parameter, by_motion)
 
 
-def start_by_parameter(
-    parameters: Parameters, free: np.ndarray, prediction: Prediction, gains: int, clocks: np.ndarray | None
+def start_velocities(
+    parameters: Parameters, free: np.ndarray, prediction: Prediction, gains: int, prescribed: np.ndarray
 ) -> np.ndarray:
-    """Return the derivatives of the start velocity (free, all) by parameters, thrust ``gains`` and clocks.
+    """Return the derivatives of the start velocity (free, all) by parameters, gains, what is prescribed.
 
-    Of zero free momentum M_ff v_f + M_fp v_p at the start, with M v = Y(q, 0, v) theta.
+    Of zero free momentum M_ff v_f + M_fp v_p at the start, with M v = Y(q, 0, v) theta. ``prescribed`` (nv,
+    2, c): what moves prescribed angles and rates.
     """
     model, q, v = prediction.model, prediction.q[0], prediction.v[0]
     data, still = model.createData(), np.zeros(model.nv)
     y = pin.computeJointTorqueRegressor(model, data, q, still, v)[free] @ parameters.theta_jacobian()
-    right = [y, np.zeros((len(free), gains))]
+    # at zero rate and acceleration v the RNEA derivative is that of M(q) v
     pin.computeRNEADerivatives(model, data, q, still, v)
     mass = symmetric(data.M)
-    if clocks is not None:
-        # at zero rate and acceleration v the RNEA derivative is that of M(q) v
-        right.append(data.dtau_dq[free] @ clocks[0, :, 0] + mass[free] @ clocks[0, :, 1])
-    return -np.linalg.solve(mass[np.ix_(free, free)], np.hstack(right))
+    moved = data.dtau_dq[free] @ prescribed[:, 0] + mass[free] @ prescribed[:, 1]
+    right = np.hstack([y, np.zeros((len(free), gains)), moved])
+    return -np.linalg.solve(mass[np.ix_(free, free)], right)
 
 
 def _evaluated(

@@ -18,9 +18,9 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.likelihood.inputs import Drive
-from smsid.likelihood.linearised import POSE, linearise, small_adjoint, start_by_parameter
+from smsid.likelihood.linearised import POSE, linearise, small_adjoint, start_velocities
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.prediction import Prediction, symmetric
+from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.runge_kutta import PLACES, C, transitions
 from smsid.likelihood.spline import WINDOW
 from smsid.likelihood.time_grid import POINTS
@@ -174,27 +174,23 @@ class Variation:
     def start(self) -> np.ndarray:
         """Return the derivatives of x at the first node (n, 6 + k + WINDOW joints).
 
-        By the initial pose, the moving columns, and the first coefficients: M_ff v_f + M_fp v_p = 0.
+        By the initial pose, the moving columns, and the first coefficients.
         """
-        prediction, follow, k = self.prediction, self.follow, len(self.moving)
-        velocity = POSE + len(prediction.rest_v)
-        out = np.zeros((self.rows, POSE + k + WINDOW * len(follow)))
-        out[:POSE, :POSE] = np.eye(POSE)
-        gains = 0 if self.thrust is None else self.thrust.shape[2]
-        out[velocity:, POSE : POSE + k] = start_by_parameter(
-            self.parameters, self.drive.free, prediction, gains, self.clocks
-        )[:, self.moving]
-        if len(follow):
+        nv, joints = self.prediction.model.nv, len(self.follow)
+        moved = [np.zeros((nv, 2, 0)) if self.clocks is None else self.clocks[0, :, :2]]
+        if joints:
             assert self.drive.joints is not None
-            model, free, data = prediction.model, self.drive.free, prediction.model.createData()
-            # at zero rate and acceleration v the RNEA derivative is that of M(q) v
-            pin.computeRNEADerivatives(model, data, prediction.q[0], np.zeros(model.nv), prediction.v[0])
-            mass = symmetric(data.M)
-            basis = self.drive.joints.basis(prediction.timeline.edges[:1], self.first[:1])[:, 0]
-            by_angle, by_rate = data.dtau_dq[np.ix_(free, follow)], mass[np.ix_(free, follow)]
-            right = by_angle[:, None] * basis[0][:, None] + by_rate[:, None] * basis[1][:, None]
-            own = mass[np.ix_(free, free)]
-            out[velocity:, POSE + k :] = -np.linalg.solve(own, right.reshape(len(free), -1))
+            basis = self.drive.joints.basis(self.prediction.timeline.edges[:1], self.first[:1])[:2, 0]
+            own = np.zeros((nv, 2, WINDOW, joints))
+            own[self.follow, :, :, np.arange(joints)] = basis
+            moved.append(own.reshape(nv, 2, -1))
+        gains = 0 if self.thrust is None else self.thrust.shape[2]
+        prescribed = np.concatenate(moved, axis=2)
+        found = start_velocities(self.parameters, self.drive.free, self.prediction, gains, prescribed)
+        kept = np.r_[self.moving, found.shape[1] - WINDOW * joints : found.shape[1]]
+        out = np.zeros((self.rows, POSE + len(kept)))
+        out[:POSE, :POSE] = np.eye(POSE)
+        out[self.rows - len(found) :, POSE:] = found[:, kept]
         return out
 
     def _rates(
