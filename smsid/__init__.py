@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from smsid._lazy import loaded_when_used
+from smsid._lazy import lazy_names
 from smsid._version import __version__ as __version__
 
 _CALLED = ("simulate", "identify", "diagnose", "report", "view", "export")  # subpackages that can be called
@@ -83,7 +83,7 @@ if TYPE_CHECKING:
     from smsid.recording import Recording, import_recording, load_recording, save_recording
 
 
-_load = loaded_when_used(__name__)
+_MODULES, _load = lazy_names(__name__)
 
 
 def __getattr__(name: str) -> Any:
@@ -91,4 +91,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *_MODULES})

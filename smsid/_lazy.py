@@ -11,10 +11,11 @@ from typing import Any
 IMPORT = re.compile(r"^    from (\S+) import (?:\(([^)]*)\)|(.+))$", re.MULTILINE)
 
 
-def loaded_when_used(package: str) -> Callable[[str], Any]:
-    """Return the ``__getattr__`` of a package: what it imports under ``if TYPE_CHECKING``, when it is asked.
+def lazy_names(package: str) -> tuple[dict[str, str], Callable[[str], Any]]:
+    """Return the modules of a package's names, and its ``__getattr__``, which loads a name when it is asked.
 
-    So the names stand in its text once, where type checkers read them. None may be that of a module of it.
+    The names are what the package imports under ``if TYPE_CHECKING``, so they stand in its text once, where
+    type checkers read them. None may be that of a module of the package.
     """
     spec = sys.modules[package].__spec__
     text = spec.loader.get_source(package) if spec and spec.loader else ""  # type: ignore[attr-defined]
@@ -28,4 +29,4 @@ def loaded_when_used(package: str) -> Callable[[str], Any]:
         setattr(sys.modules[package], name, value)
         return value
 
-    return get
+    return modules, get

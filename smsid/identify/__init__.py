@@ -8,7 +8,7 @@ least squares.
 from typing import TYPE_CHECKING
 
 from smsid._callable import make_callable
-from smsid._lazy import loaded_when_used
+from smsid._lazy import lazy_names
 
 if TYPE_CHECKING:
     from smsid.identify.appendage_modes import PanelModes, panel_modes
@@ -78,4 +78,4 @@ __all__ = [
 ]
 
 make_callable(__name__)  # smsid.identify(...) is that of smsid.api
-__getattr__ = loaded_when_used(__name__)
+_, __getattr__ = lazy_names(__name__)
