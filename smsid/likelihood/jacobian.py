@@ -48,7 +48,9 @@ def normal(
     prediction: Prediction,
     residuals: Sequence[np.ndarray] | None,
 ) -> PieceNormal:
-    """Return the normal equations of a recording, with what encoders say; a gradient with data only.
+    """Return the normal equations of a recording, with what encoders say; a gradient with ``residuals`` only.
+
+    These are (N, k) by channel.
 
     Raises `NotIdentifiableError` where nothing tells how the joints moved.
     """

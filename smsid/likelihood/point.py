@@ -70,7 +70,7 @@ class Evaluation:
 def step_point(
     pieces: Sequence[RecordingTerm], point: Point, step: np.ndarray, motions: Sequence[np.ndarray | None]
 ) -> Point:
-    """Return the point a step (n,) away, and by piece one (m, joints) of the joints' motion."""
+    """Return the point a step (n,) away, and ``motions`` (m, joints) by piece of the joints."""
     size = point.parameters.size
     locals_, first = [], size
     for piece, local, motion in zip(pieces, point.locals, motions, strict=True):

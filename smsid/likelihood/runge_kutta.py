@@ -54,7 +54,10 @@ def transitions(rate: Sequence[np.ndarray], h: np.ndarray) -> tuple[np.ndarray, 
 
 
 def stage_values(rate: Sequence[np.ndarray], starts: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Return the stages (stages, steps, n) of x' = rate(t) x from the ``starts`` (steps, n) of all steps."""
+    """Return the stages (stages, steps, n) of x' = rate x from the ``starts`` (steps, n) of all steps.
+
+    ``rate`` as in `transitions`, ``h`` (steps,) [s].
+    """
     values, slopes = np.empty((2, STAGES, *starts.shape))
     for j in range(STAGES):
         values[j] = starts + h[:, None] * np.tensordot(A[j, :j], slopes[:j], axes=1)
