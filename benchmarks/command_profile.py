@@ -1,5 +1,7 @@
 """What each command spends its time on, the whole process: ``python benchmarks/command_profile.py``.
 
+Of some commands alone, what they need first: ``... "simulate exp2" view``. Rows of the others are kept.
+
 On the paper's craft: imports, the search for an excitation, building models, writing, and the work itself, in
 shares of the time. Categories are cumulative times of the functions that do them (`PARTS`), by cProfile,
 which slows Python code down: shares, not seconds. What is above a fifth beside the work is named.
@@ -7,6 +9,7 @@ which slows Python code down: shares, not seconds. What is above a fifth beside 
 
 from __future__ import annotations
 
+import argparse
 import json
 import pstats
 import subprocess
@@ -28,6 +31,15 @@ COMMANDS = {
     "view": "view {craft} exp2.nc -o exp2.html",
     "export": "export {craft} estimate.json -o exported",
 }
+VERDICTS = (3, 4)  # exit codes of a diagnosis that is told, but not explained or not evaluated
+RUNNER = """
+import cProfile, runpy, sys
+out, profile = sys.argv.pop(1), cProfile.Profile()
+try:
+    profile.runcall(runpy.run_module, "smsid", run_name="__main__", alter_sys=True)
+finally:
+    profile.dump_stats(out)
+"""  # as python -m cProfile, which takes any exit code for 0
 PARTS = {
     "imports": ("_find_and_load",),
     "excitation": ("fourier_experiment",),
@@ -37,14 +49,17 @@ PARTS = {
 
 
 def profiled(arguments: list[str], folder: Path) -> pstats.Stats:
-    """Return the profile of a command, its imports included."""
+    """Return the profile of a command, its imports included; one that fails ends the benchmark."""
     out = folder / "profile.out"
-    subprocess.run(
-        [sys.executable, "-m", "cProfile", "-o", str(out), "-m", "smsid", *arguments],
+    done = subprocess.run(
+        [sys.executable, "-c", RUNNER, str(out), *arguments],
         cwd=folder,
-        check=False,
         stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
+    if done.returncode not in (0, *(VERDICTS if arguments[0] == "diagnose" else ())):
+        raise SystemExit(f"smsid {' '.join(arguments)} ended with {done.returncode}:\n{done.stderr}")
     return pstats.Stats(str(out))
 
 
@@ -59,17 +74,25 @@ def share_of(stats: pstats.Stats, names: tuple[str, ...]) -> float:
 
 
 def main() -> None:
-    rows = {}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("commands", nargs="*", metavar="COMMAND", help=", ".join(COMMANDS))
+    chosen = parser.parse_args().commands or list(COMMANDS)
+    file = ROOT / "benchmarks" / "results" / "command_profile.json"
+    rows = json.loads(file.read_text())["commands"] if file.is_file() else {}
+    earlier = set(rows)
     with tempfile.TemporaryDirectory(prefix="profile-") as name:
         folder = Path(name)
         for label, command in COMMANDS.items():
+            if label not in chosen:
+                continue
             stats = profiled(command.format(craft=CRAFT).split(), folder)
             shares = {part: round(share_of(stats, names), 3) for part, names in PARTS.items()}
             shares["work"] = round(max(0.0, 1.0 - sum(shares.values())), 3)
             rows[label] = {"seconds_profiled": round(stats.total_tt, 2), **shares}
+            earlier.discard(label)
             print(label, json.dumps(rows[label]), flush=True)
             above = [f"{c}: {p}" for c, row in rows.items() for p in PARTS if row[p] > 0.2]
-            found = {"commands": rows, "above_a_fifth": above}
+            found = {"commands": rows, "above_a_fifth": above, "of_an_earlier_run": sorted(earlier)}
             write_result("command_profile", {"environment": environment("pin", "numpy", "scipy"), **found})
 
 

@@ -10,6 +10,7 @@ parameters, one set of normal equations is compared: analytic, and by difference
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
@@ -20,7 +21,7 @@ from _likelihood_cases import clean, twin
 from smsid.likelihood import normal as module
 from smsid.likelihood.fit import fit
 from smsid.likelihood.initial_guess import candidates
-from smsid.likelihood.jacobian import normal
+from smsid.likelihood.jacobian import PieceNormal, normal
 from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import Point
@@ -39,22 +40,21 @@ def by_differences(
     local: NuisanceValues,
     prediction: Prediction,
     residuals: list[np.ndarray] | None,
-    columns: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """What `normal` returns, by forward differences in all ``columns``."""
+) -> PieceNormal:
+    """What `normal` returns for thrust, by forward differences in all columns."""
     assert residuals is not None
     size = parameters.size
     n = size + piece.size
     white = [c.whitening for c in piece.channels]
     here = np.concatenate([(r @ w.T).ravel() for r, w in zip(residuals, white, strict=True)])
     jacobian = np.zeros((len(here), n))
-    for i in range(n) if columns is None else columns:
+    for i in range(n):
         step = STEP * np.eye(n)[i]
         at, own = parameters.moved(step[:size]), piece.moved(local, step[size:])
         there = piece.residuals(at, own, piece.predict(at, own))
         parts = [(r @ w.T).ravel() for r, w in zip(there, white, strict=True)]
         jacobian[:, i] = (here - np.concatenate(parts)) / STEP
-    return jacobian.T @ jacobian, jacobian.T @ here
+    return PieceNormal(jacobian.T @ jacobian, jacobian.T @ here, np.arange(0), None)
 
 
 def fitted(start: Point, piece: RecordingTerm, prior: Prior) -> tuple[float, dict[str, Any]]:
@@ -87,14 +87,15 @@ def main() -> None:
     begin = time.process_time()
     normal(piece, described, local, prediction, residuals)
     once = time.process_time() - begin
-    n = described.size + piece.size
-    chosen = rng.choice(n, 30, replace=False)
+    n, motion = described.size + piece.size, local.motion.size
+    chosen = rng.choice(n + motion, 30, replace=False)
     begin = time.process_time()
     for i in chosen:
-        step = STEP * np.eye(n)[i]
-        at, own = described.moved(step[: described.size]), piece.moved(local, step[described.size :])
+        step = STEP * np.eye(n + motion)[i]
+        moved = replace(local, motion=local.motion + step[n:].reshape(local.motion.shape))
+        at, own = described.moved(step[: described.size]), piece.moved(moved, step[described.size : n])
         piece.residuals(at, own, piece.predict(at, own))
-    all_ = (time.process_time() - begin) / len(chosen) * n
+    all_ = (time.process_time() - begin) / len(chosen) * (n + motion)
     result = {
         "environment": environment("pin", "numpy", "scipy"),
         "exp1, whole fit [CPU s]": {
@@ -105,7 +106,7 @@ def main() -> None:
             "largest relative difference of slosh and panel": worst,
         },
         "exp2, normal equations [CPU s]": {
-            "columns": n,
+            "columns": n + motion,
             "analytic": once,
             "differences (from 30 columns)": all_,
             "ratio": all_ / once,

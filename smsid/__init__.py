@@ -9,27 +9,9 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from smsid._lazy import lazy_names
 from smsid._version import __version__ as __version__
 
-_FROM = {
-    "smsid.api": (
-        *("load_spacecraft", "load_recordings", "simulate", "identify", "diagnose", "track"),
-        *("design_controller", "report", "view", "export"),
-    ),
-    "smsid.comparison": ("compare",),
-    "smsid.description": ("Description",),
-    "smsid.design": ("design_experiment",),
-    "smsid.diagnose": ("Diagnosis",),
-    "smsid.errors": (
-        *("SmsidError", "ControlError", "DescriptionError", "EstimateError", "ExperimentError"),
-        *("MissingDependencyError", "NotIdentifiableError", "RecordingError", "SimulationError"),
-    ),
-    "smsid.experiments": ("Experiment",),
-    "smsid.identify.estimate": ("Estimate", "load_estimate", "save_estimate"),
-    "smsid.model": ("build_model",),
-    "smsid.recording": ("Recording", "import_recording", "load_recording", "save_recording"),
-}
-_MODULES = {name: module for module, names in _FROM.items() for name in names}
 _CALLED = ("simulate", "identify", "diagnose", "report", "view", "export")  # subpackages that can be called
 
 __all__ = [
@@ -101,14 +83,11 @@ if TYPE_CHECKING:
     from smsid.recording import Recording, import_recording, load_recording, save_recording
 
 
+_MODULES, _load = lazy_names(__name__)
+
+
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'smsid' has no attribute '{name}'")
-    if name in _CALLED:
-        return importlib.import_module(f"smsid.{name}")
-    found = getattr(importlib.import_module(_MODULES[name]), name)
-    globals()[name] = found
-    return found
+    return importlib.import_module(f"smsid.{name}") if name in _CALLED else _load(name)
 
 
 def __dir__() -> list[str]:

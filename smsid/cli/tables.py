@@ -12,13 +12,14 @@ from rich.table import Table
 from rich.text import Text
 
 from smsid.cli.output import WIDTH, clipped
-from smsid.experiments.fly import LimitUse
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for, headline, short_name
 from smsid.recording import Recording
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+
+    from smsid.experiments.fly import LimitUse
 
 TITLES = {
     "arm": "torques of a welded arm: combinations of links, friction, motors",

@@ -13,8 +13,8 @@ from functools import cache, lru_cache
 
 import numpy as np
 import pinocchio as pin
+import scipy  # loads a part of it when that is used
 from pydantic import Field
-from scipy.optimize import brentq
 
 from smsid.effects.base import Vector3, physical
 from smsid.effects.table import Table
@@ -113,7 +113,10 @@ def _point(r: np.ndarray) -> np.ndarray:
 def clamped_free_roots(count: int) -> np.ndarray:
     """Return the first roots beta L of ``cos(x) cosh(x) = -1``, (count,), not to be written to."""
     centres = (2 * np.arange(1, count + 1) - 1) * np.pi / 2
-    roots = [brentq(lambda x: np.cos(x) + 1.0 / np.cosh(x), c - 1.0, c + 1.0, xtol=1e-15) for c in centres]
+    roots = [
+        scipy.optimize.brentq(lambda x: np.cos(x) + 1.0 / np.cosh(x), c - 1.0, c + 1.0, xtol=1e-15)
+        for c in centres
+    ]
     found = np.array(roots)
     found.setflags(write=False)
     return found

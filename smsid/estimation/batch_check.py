@@ -43,9 +43,8 @@ def batch_conflict(refinement: Refinement) -> PriorConflict | None:
     """Return by how much the recordings of a batch fit contradict its priors, if they do."""
     normal, at = refinement.fit.normal, refinement.fit.point.parameters
     off, jacobian = refinement.prior.residual(at)
-    size, rate = at.size, np.diag(jacobian)
-    inner, cross = normal.information[size:, size:], normal.data[:size, size:]
-    information = normal.data[:size, :size] - (cross @ np.linalg.solve(inner, cross.T) if len(inner) else 0.0)
+    rate = np.diag(jacobian)
+    information, _ = normal.of_common(at.size)
     return conflict_of(off, information / np.outer(rate, rate), at.names)
 
 
@@ -56,6 +55,7 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
     if len(found.pieces) < 2:
         return ()
     size = point.parameters.size
+    residual, jacobian = refinement.prior.residual(point.parameters)
     parts = []
     for k, piece in enumerate(found.pieces):
         own = Evaluation(
@@ -63,22 +63,9 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
             (found.seen.predictions[k],),
             (found.seen.residuals[k],),
         )
-        normal = normal_at([piece], own, refinement.prior)
-        residual, jacobian = refinement.prior.residual(point.parameters)
-        gradient = normal.gradient.copy()
-        gradient[:size] += jacobian.T @ residual  # the prior's part is taken out again
-        information = normal.information.copy()
-        information[:size, :size] -= jacobian.T @ jacobian
-        cross = information[:size, size:]
-        inner = information[size:, size:]
-        if len(inner):
-            solved = np.linalg.solve(inner, np.column_stack([cross.T, gradient[size:]]))
-            gram = information[:size, :size] - cross @ solved[:, :-1]
-            slope = gradient[:size] - cross @ solved[:, -1]
-        else:
-            gram, slope = information[:size, :size], gradient[:size]
+        gram, slope = normal_at([piece], own, refinement.prior).of_common(size)
+        slope = slope + jacobian.T @ residual  # the prior's part is taken out again
         parts.append(Part(piece.name, 0.5 * (gram + gram.T), slope))
-    _, jacobian = refinement.prior.residual(point.parameters)
     rows, _ = reported_parameters(
         point.parameters, refinement.described, free_predictions(found.pieces, point)
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+import scipy  # loads a part of it when that is used
 
 from smsid.estimation.normal_equations import NormalEquations
 
@@ -59,7 +59,7 @@ def conflict_of(off: np.ndarray, information: np.ndarray, names: Sequence[str]) 
         return None
     squares = (basis[:, told].T @ off) ** 2 * (1.0 + 1.0 / size[told])
     statistic, freedom = float(squares.sum()), int(told.sum())
-    p_value = float(chi2.sf(statistic, freedom))
+    p_value = float(scipy.stats.chi2.sf(statistic, freedom))
     if p_value >= LEVEL:
         return None
     ranked = sorted(zip(names, off.tolist(), strict=True), key=lambda x: -abs(x[1]))

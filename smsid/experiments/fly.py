@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.integrate import cumulative_trapezoid
+import scipy  # loads a part of it when that is used
 
 from smsid._short_repr import short_repr
 from smsid._version import __version__
@@ -213,7 +213,7 @@ def check_plausible(model: SpacecraftModel, experiment: Experiment) -> None:
     if inputs.wheel_torque is not None and len(model.wheels) and not experiment.lock_wheels:
         torque = _sampled(inputs.wheel_torque, times)
         if torque.shape[1] == len(model.wheels):  # otherwise the simulation says so
-            momentum = np.abs(cumulative_trapezoid(torque, times, axis=0)).max(axis=0)
+            momentum = np.abs(scipy.integrate.cumulative_trapezoid(torque, times, axis=0)).max(axis=0)
             for name, wheel, h, inertia in zip(
                 model.wheels.names, model.description.wheel, momentum, spin_inertias(model), strict=True
             ):

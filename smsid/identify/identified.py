@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy  # loads a part of it when that is used
 
 from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.effects.appendage import Mode as DescribedMode
@@ -24,7 +24,7 @@ def match_modes(found: Sequence[Mode], described: Sequence[DescribedMode]) -> di
     log = [np.log([m.frequency for m in x]) for x in (described, found)]
     apart = np.abs(log[0][:, None] - log[1][None, :])
     limit = np.log(SAME_MODE)
-    rows, columns = linear_sum_assignment(np.minimum(apart, limit))
+    rows, columns = scipy.optimize.linear_sum_assignment(np.minimum(apart, limit))
     return {int(k): int(j) for k, j in zip(rows, columns, strict=True) if apart[k, j] < limit}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from smsid.effects.inertial_parameters import move_parameters
 from smsid.model.regressor import Regressor
@@ -43,18 +44,15 @@ def carried_matrix(model: SpacecraftModel, regressor: Regressor) -> np.ndarray:
 def first_moments(model: SpacecraftModel, regressor: Regressor, q: np.ndarray) -> np.ndarray:
     """Return Y with Y theta = sum m c about the bus origin in bus axes, (N, 3, 10 bodies) [kg m].
 
-    The angular momentum of a pure translation e_k is (sum m c) x e_k, so the momentum regressor gives it.
+    Pinocchio's static regressor gives the centre of mass by masses and first moments.
     """
-    out = np.zeros((len(q), 3, regressor.columns))
-    v = np.zeros((len(q), model.nv))
-    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        # (S x e_k) has components S_j along i and -S_i along j
-        v[:] = 0.0
-        v[:, k] = 1.0
-        y = regressor.momentum(q, v)[:, 3:]
-        out[:, j] += 0.5 * y[:, i]
-        out[:, i] -= 0.5 * y[:, j]
-    return out
+    out = np.zeros((len(q), 3, regressor.columns // 10, 10))
+    data, mass = model.pin.createData(), pin.computeTotalMass(model.pin)
+    q = np.array(q)
+    q[:, :7] = pin.neutral(model.pin)[:7]  # with the bus at the origin
+    for into, q_i in zip(out, q, strict=True):
+        into[..., :4] = mass * pin.computeStaticRegressor(model.pin, data, q_i).reshape(3, -1, 4)
+    return out.reshape(len(q), 3, -1)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.signal
+import scipy  # loads a part of it when that is used
 
 from smsid.errors import NotIdentifiableError
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.cluster.hierarchy import fcluster, linkage
+import scipy  # loads a part of it when that is used
 from scipy.spatial.distance import squareform
 
 from smsid.errors import SmsidError
@@ -86,8 +86,10 @@ def stable_modes(poles: Sequence[Poles], rate: float, stability: Stability | Non
     distance += 1 - mac(shapes, shapes)
     distance = (distance + distance.T) / 2
     np.fill_diagonal(distance, 0.0)
-    tree = linkage(squareform(np.maximum(distance, 0.0), checks=False), method="average")
-    labels = fcluster(tree, limits.frequency + limits.shape, criterion="distance")
+    tree = scipy.cluster.hierarchy.linkage(
+        squareform(np.maximum(distance, 0.0), checks=False), method="average"
+    )
+    labels = scipy.cluster.hierarchy.fcluster(tree, limits.frequency + limits.shape, criterion="distance")
     needed = max(2, int(np.ceil(limits.share_of_orders * (len(poles) - 1))))
     modes = []
     for label in np.unique(labels):

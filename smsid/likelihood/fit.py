@@ -107,7 +107,7 @@ def fit(pieces: Sequence[RecordingTerm], start: Point, prior: Prior, patience: i
         visits.append(Iterate.of(here, pieces, cost, walked))
         if not (settled and spent and found is not None):
             found, past, there = normal_at(pieces, here, prior), gain, here.point.parameters
-            gain = float(found.gradient @ _solved(found.information, found.gradient, 0.0))
+            gain = found.motion_gain + float(found.gradient @ _solved(found.information, found.gradient, 0.0))
         logger.info(
             "%d: cost %.8g, gain %.3g, noise %.2g, damping %.1e", iteration, cost, gain, change, damping
         )
@@ -155,6 +155,7 @@ def minimise(
         free = _free(len(found.gradient), fixed)
         gradient = found.gradient[free]
         gain = float(gradient @ _solved(found.information[np.ix_(free, free)], gradient, 0.0))
+        gain += found.motion_gain
         if gain < NEAR:
             return Minimum(here.point, found, cost, iteration)
         step = _stepped(pieces, here, found, cost, prior, fixed, damping)
@@ -193,11 +194,12 @@ def _stepped(
     gain = np.inf
     while damping < 1e10:
         step[free] = own = _solved(information, gradient, damping)
-        gain = float(2.0 * gradient @ own - own @ information @ own)
+        gain = found.motion_gain + float(2.0 * gradient @ own - own @ information @ own)
         trial, new = None, np.inf
         if np.abs(step[: here.point.parameters.size]).max() < LONGEST_STEP:
             try:
-                trial = Evaluation.at(pieces, step_point(pieces, here.point, step))
+                there = step_point(pieces, here.point, step, found.motion_steps(step))
+                trial = Evaluation.at(pieces, there)
                 new = trial.cost(pieces, prior)
             except SimulationError:
                 trial = None

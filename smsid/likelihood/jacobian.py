@@ -1,27 +1,44 @@
 """Derivatives of a recording's whitened outputs by everything sought, and the normal equations from them.
 
 An output is linear in the derivatives of state and acceleration (`Kinematics.jacobian`), which the
-variational equations carry from node to node. Rows are made a few nodes at a time, with the columns that
-have begun, and go straight into the information matrix.
+variational equations carry from node to node. Rows are made a stretch of nodes at a time, from the end to the
+beginning, and go straight into the information matrix, from which the joints' motion is `eliminate`d.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from smsid.likelihood.channels import Channel
+from smsid.likelihood.elimination import EliminatedMotion, Form, eliminate
 from smsid.likelihood.linearised import POSE
-from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues
+from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceIndex, NuisanceValues
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.recording_term import RecordingTerm
-from smsid.likelihood.sensitivity import Sensitivity, Variation, variation
+from smsid.likelihood.sensitivity import Part, Sensitivity, Variation, variation
+from smsid.likelihood.spline import WINDOW
 from smsid.likelihood.time_grid import POINTS
+
+STRETCH = 32  # nodes of a stretch
+PART = 16 * STRETCH  # nodes whose transition maps are kept at a time
+
+
+@dataclass(frozen=True)
+class PieceNormal:
+    """Information (n, n) and gradient (n,) by (parameters, local ones), the joints' motion eliminated.
+
+    ``motion`` follows the components ``order`` (6 + common,) of a step of these.
+    """
+
+    information: np.ndarray
+    gradient: np.ndarray
+    order: np.ndarray
+    motion: EliminatedMotion | None
 
 
 def normal(
@@ -30,83 +47,78 @@ def normal(
     local: NuisanceValues,
     prediction: Prediction,
     residuals: Sequence[np.ndarray] | None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return information (n, n) and gradient (n,) by (parameters, local ones), the latter with data."""
-    prediction = prediction.coarse
-    moves = _variation(piece, parameters, local, prediction)
-    order = _order(piece, moves, parameters.size)
-    kinematics = Kinematics.of(parameters.layout.model, prediction)
+) -> PieceNormal:
+    """Return the normal equations of a recording, with what encoders say; a gradient with ``residuals`` only.
+
+    These are (N, k) by channel.
+
+    Raises `NotIdentifiableError` where nothing tells how the joints moved.
+    """
+    outputs = _Outputs.of(piece, parameters, local, prediction)
     groups: dict[int, list[int]] = {}
     for i, c in enumerate(piece.channels):
         groups.setdefault(id(c.root), []).append(i)
-    accumulators = []
-    for members in groups.values():
-        channels = [piece.channels[i] for i in members]
-        own = None if residuals is None else [residuals[i] for i in members]
-        rows = _Rows.of(piece, channels, kinematics, moves, local)
-        accumulators.append(_Accumulator(rows, channels[0].root, _weighted(channels, own), moves.width))
-    for nodes, states in moves.states():
-        for a in accumulators:
-            a.add(nodes, states, moves)
+    members = [[piece.channels[i] for i in own] for own in groups.values()]
+    weighted = [
+        None if residuals is None else _weighted(channels, [residuals[i] for i in own])
+        for channels, own in zip(members, groups.values(), strict=True)
+    ]
+
+    def forms() -> Iterator[Form]:
+        for stretch in outputs.stretches(members):
+            size = stretch.end.shape[1]
+            information, gradient = np.zeros((size, size)), np.zeros(size)
+            own = slice(stretch.nodes.start, stretch.stop)
+            for channels, rows, pull in zip(members, stretch.rows, weighted, strict=True):
+                band = channels[0].root[own, stretch.nodes].toarray()
+                mixed = (band @ rows.reshape(len(rows), -1)).reshape(-1, size)
+                information += mixed.T @ mixed
+                if pull is not None:
+                    gradient += rows[: len(band)].reshape(-1, size).T @ pull[own].ravel()
+            yield Form(information, gradient, stretch.end, len(stretch.end), *stretch.coefficients)
+        start = outputs.start()
+        size = start.shape[1]
+        yield Form(np.zeros((size, size)), np.zeros(size), start, POSE, *stretch.coefficients)
+
+    readings = piece.encoders(local) if outputs.moves.coefficients else None
+    common = len(outputs.order) - POSE
+    found, slope, motion = eliminate(forms(), common, readings, clock=bool(outputs.clocks))
     size = parameters.size + piece.size
     information, gradient = np.zeros((size, size)), np.zeros(size)
-    for a in accumulators:
-        a.finish()
-        information[np.ix_(order, order)] += a.information
-        gradient[order] += a.gradient
-    return information, gradient
+    information[np.ix_(outputs.order, outputs.order)] = found
+    if residuals is not None:
+        gradient[outputs.order] = slope
+    return PieceNormal(information, gradient, outputs.order, motion)
 
 
 def columns(
     piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, prediction: Prediction
 ) -> list[np.ndarray]:
-    """Return, channel by channel, derivatives at the coarse nodes (nodes, k, n), not whitened."""
-    prediction = prediction.coarse
-    moves = _variation(piece, parameters, local, prediction)
-    order = _order(piece, moves, parameters.size)
-    kinematics = Kinematics.of(parameters.layout.model, prediction)
-    out = []
-    for c in piece.channels:
-        plain = c.with_covariance(np.eye(c.width))
-        rows = _Rows.of(piece, [plain], kinematics, moves, local)
-        full = np.zeros((len(kinematics.q), c.width, parameters.size + piece.size))
-        for nodes, states in moves.states():
-            part = np.zeros((nodes.stop - nodes.start, c.width, full.shape[2]))
-            found = rows.at(nodes, states, moves)
-            part[:, :, order[: found.shape[2]]] = found
-            full[nodes] = part
-        out.append(full)
+    """Return, channel by channel, derivatives at the coarse nodes (nodes, k, n), not whitened.
+
+    By parameters, local ones, and the coefficients (m, joints) of the joints' motion, if that is estimated.
+    """
+    outputs = _Outputs.of(piece, parameters, local, prediction)
+    size, front = parameters.size + piece.size, len(outputs.order)
+    joints = len(outputs.moves.follow)
+    where = np.concatenate([outputs.order, size + np.arange(joints * outputs.moves.coefficients)])
+    out = [np.zeros((outputs.moves.nodes, c.width, size + len(where) - front)) for c in piece.channels]
+    start = outputs.start()
+    n = len(start)
+    x = np.zeros((n, len(where)))
+    x[:, : start.shape[1]] = start
+    plain = [[c.with_covariance(np.eye(c.width))] for c in piece.channels]
+    for stretch in reversed(list(outputs.stretches(plain))):
+        motion = slice(*(front + joints * i for i in stretch.coefficients))
+        inner = np.r_[POSE:front, motion]
+        whole = np.zeros((stretch.end.shape[1], len(where)))
+        whole[:n] = x
+        whole[np.arange(n, len(whole)), inner] += 1.0
+        for full, rows in zip(out, stretch.rows, strict=True):
+            own = rows[: stretch.stop - stretch.nodes.start] @ whole
+            full[stretch.nodes.start : stretch.stop, :, where] = own
+        x = stretch.end @ whole
     return out
-
-
-def _variation(
-    piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, prediction: Prediction
-) -> Variation:
-    return variation(
-        parameters,
-        piece.driven(local),
-        prediction,
-        piece.unit_thrust(parameters),
-        piece.unit_clocks(parameters, local),
-        motion=piece.follows,
-    )
-
-
-def _order(piece: RecordingTerm, moves: Variation, size: int) -> np.ndarray:
-    """Where the columns (moving, pose, direct, motion by time) stand among (parameters, local ones)."""
-    start = {s.kind: size + s.start for s in piece.slots}
-    gains = [s for s in piece.slots if s.kind == "thrust_gain" and piece.drive.thrust is not None]
-    extra = [size + s.start + k for s in (*gains, *piece.running_clocks) for k in range(s.size)]
-    out = [int(i) if i < size else extra[int(i) - size] for i in moves.moving]
-    out += [start["initial_position"] + k for k in range(3)] + [
-        start["initial_attitude"] + k for k in range(3)
-    ]
-    for s in direct(piece):
-        out += list(range(size + s.start, size + s.start + s.size))
-    if moves.joints:
-        by_joint = start["joint_motion"] + np.arange(moves.joints * moves.coefficients)
-        out += by_joint.reshape(moves.joints, moves.coefficients).T.ravel().tolist()
-    return np.array(out)
 
 
 def direct(piece: RecordingTerm) -> list:
@@ -116,8 +128,90 @@ def direct(piece: RecordingTerm) -> list:
 
 
 @dataclass(frozen=True)
+class _Stretch:
+    """Whitened outputs of some nodes, as many more as interpolation needs, by (x, common, coefficients).
+
+    ``rows`` (nodes, k, z) by group of channels; nodes from ``stop`` on belong to the next stretch. ``end``
+    (n, z) is x at that; ``coefficients`` are the first that acts, and the one after the last.
+    """
+
+    nodes: slice
+    stop: int
+    coefficients: tuple[int, int]
+    rows: list[np.ndarray]
+    end: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Outputs:
+    """Everything a recording's outputs depend on.
+
+    ``order`` (6 + common,): where initial pose and common columns - moving, direct, encoders' ``clocks`` -
+    stand among (parameters, local ones). ``rates``: of outputs whose clock is sought, at the nodes.
+    """
+
+    piece: RecordingTerm
+    local: NuisanceValues
+    moves: Variation
+    kinematics: Kinematics
+    order: np.ndarray
+    clocks: list[NuisanceIndex]
+    rates: dict[str, np.ndarray]
+
+    @classmethod
+    def of(
+        cls, piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, prediction: Prediction
+    ) -> _Outputs:
+        prediction = prediction.coarse
+        thrust, clocks = piece.unit_thrust(parameters), piece.unit_clocks(parameters, local)
+        drive = piece.driven(local)
+        moves = variation(parameters, drive, prediction, thrust, clocks, motion=piece.follows)
+        kinematics = Kinematics.of(parameters.layout.model, prediction)
+        wrong = {s.channel for s in direct(piece) if s.kind in CLOCK_KINDS}
+        rates = {
+            c.name: kinematics.rate(c.sensor, c.quantity, prediction.timeline)
+            for c in piece.channels
+            if c.sensor.name in wrong
+        }
+        size, read = parameters.size, piece.encoder_clocks
+        start = {s.kind: size + s.start for s in piece.slots}
+        gains = [s for s in piece.slots if s.kind == "thrust_gain" and thrust is not None]
+        extra = [size + s.start + k for s in (*gains, *piece.running_clocks) for k in range(s.size)]
+        order = [start[kind] + k for kind in ("initial_position", "initial_attitude") for k in range(3)]
+        order += [int(i) if i < size else extra[int(i) - size] for i in moves.moving]
+        order += [size + s.start + k for s in (*direct(piece), *read) for k in range(s.size)]
+        return cls(piece, local, moves, kinematics, np.array(order), read, rates)
+
+    def start(self) -> np.ndarray:
+        """Return x at the first node by (pose, common, coefficients that act in the first stretch)."""
+        found, pose = self.moves.start(), POSE + len(self.moves.moving)
+        first = min(STRETCH + POINTS - 1, self.moves.nodes) - 1
+        joints = len(self.moves.follow)
+        motion = joints * (int(self.moves.first[first]) + WINDOW)
+        out = np.zeros((len(found), len(self.order) + motion))
+        out[:, :pose] = found[:, :pose]
+        out[:, len(self.order) : len(self.order) + joints * WINDOW] = found[:, pose:]
+        return out
+
+    def stretches(self, groups: Sequence[Sequence[Channel]]) -> Iterator[_Stretch]:
+        """Yield the stretches from the last to the first, with the rows of groups of channels."""
+        count, common = self.moves.nodes, len(self.order) - POSE
+        for begin in reversed(range(0, count, PART)):
+            stop = min(begin + PART, count)
+            part = self.moves.part(slice(begin, min(stop + POINTS - 1, count)))
+            rows = [_Rows.of(self, part, channels) for channels in groups]
+            for first in reversed(range(begin, stop, STRETCH)):
+                last = min(first + STRETCH, stop)
+                nodes = slice(first, min(last + POINTS - 1, count))
+                x = part.along(nodes, common)
+                acting = (int(self.moves.first[first]), int(self.moves.first[nodes.stop - 1]) + WINDOW)
+                end = x[min(last - first, len(x) - 1)]
+                yield _Stretch(nodes, last, acting, [r.at(nodes, x, part) for r in rows], end)
+
+
+@dataclass(frozen=True)
 class _Rows:
-    """Whitened outputs of some channels, k in all, as linear maps at the nodes.
+    """Whitened outputs of some channels, k in all, as linear maps at the nodes of a part.
 
     ``state`` (nodes, k, n), ``moving`` (nodes, k, moving), ``motion`` (nodes, k, WINDOW joints), ``direct``
     (nodes, k, direct).
@@ -129,17 +223,11 @@ class _Rows:
     direct: np.ndarray
 
     @classmethod
-    def of(
-        cls,
-        piece: RecordingTerm,
-        channels: Sequence[Channel],
-        kinematics: Kinematics,
-        moves: Variation,
-        local: NuisanceValues,
-    ) -> _Rows:
-        basis = _basis(moves, kinematics)
-        n = moves.phi.shape[1]
-        slots = direct(piece)
+    def of(cls, outputs: _Outputs, part: Part, channels: Sequence[Channel]) -> _Rows:
+        local, slots = outputs.local, direct(outputs.piece)
+        kinematics = outputs.kinematics.at(part.nodes)
+        basis = _basis(outputs.moves, kinematics)
+        n = outputs.moves.rows
         found = []
         for c in channels:
             white = c.whitening * (1.0 + local.scale.get(c.name, 0.0))
@@ -151,10 +239,10 @@ class _Rows:
                 if s.channel == c.name and s.kind == "bias":
                     own[..., place : place + s.size] = c.whitening
                 elif s.kind in CLOCK_KINDS and s.channel == c.sensor.name:
-                    timeline = moves.prediction.timeline
-                    rate = -kinematics.rate(c.sensor, c.quantity, timeline) @ c.whitening.T
+                    timeline = outputs.moves.prediction.timeline
+                    rate = -outputs.rates[c.name][part.nodes] @ c.whitening.T
                     if s.kind == "clock_drift":
-                        times = timeline.evaluations[timeline.node_evaluation]
+                        times = timeline.evaluations[timeline.node_evaluation[part.nodes]]
                         rate = rate * (times - timeline.edges[0])[:, None]
                     own[..., place] = rate
                 elif s.kind == "scale" and s.channel == c.name:
@@ -162,72 +250,31 @@ class _Rows:
                 place += s.size
             found.append(
                 (
-                    maps[..., :n] + of_slope @ moves.slope_state,
-                    of_slope @ moves.slope_moving,
-                    of_slope @ moves.slope_motion,
+                    maps[..., :n] + of_slope @ part.slope_state,
+                    of_slope @ part.slope_moving,
+                    of_slope @ part.slope_motion,
                     own,
                 )
             )
-        return cls(*(np.concatenate(part, axis=1) for part in zip(*found, strict=True)))
+        return cls(*(np.concatenate(x, axis=1) for x in zip(*found, strict=True)))
 
-    def at(self, nodes: slice, states: np.ndarray, moves: Variation) -> np.ndarray:
-        """Return the rows (chunk, k, columns begun) of some nodes."""
-        front, k, extra = moves.front, self.moving.shape[2], self.direct.shape[2]
-        own = self.state[nodes]
-        out = np.empty((len(own), own.shape[1], states.shape[2] + extra))
-        found = own @ states
-        out[..., :front] = found[..., :front]
-        out[..., :k] += self.moving[nodes]
-        out[..., front : front + extra] = self.direct[nodes]
-        out[..., front + extra :] = found[..., front:]
-        if moves.joints:
-            for i, node in enumerate(range(nodes.start, nodes.stop)):
-                window = moves.window(node)
-                out[i, :, window.start + extra : window.stop + extra] += self.motion[node]
+    def at(self, nodes: slice, x: np.ndarray, part: Part) -> np.ndarray:
+        """Return the rows (nodes, k, z) of some nodes, from x (nodes, n, z) there."""
+        n, k, width = x.shape[1], self.moving.shape[2], self.motion.shape[2]
+        own = slice(nodes.start - part.nodes.start, nodes.stop - part.nodes.start)
+        out = self.state[own] @ x
+        out[..., n : n + k] += self.moving[own]
+        out[..., n + k : n + k + self.direct.shape[2]] += self.direct[own]
+        if width:
+            stop = part.first[own.stop - 1] + WINDOW
+            for rows, motion, first in zip(out, self.motion[own], part.first[own], strict=True):
+                place = x.shape[2] - part.joints * (stop - first)
+                rows[:, place : place + width] += motion
         return out
 
 
-class _Accumulator:
-    """Sums rows of one group of channels into information and gradient."""
-
-    def __init__(self, rows: _Rows, root: csr_array, weighted: np.ndarray | None, width: int) -> None:
-        self.rows, self.root, self.weighted = rows, root, weighted
-        self.size = width + rows.direct.shape[2]
-        self.information = np.zeros((self.size, self.size))
-        self.gradient = np.zeros(self.size)
-        self._kept = np.zeros((0, rows.state.shape[1], 0))
-        self._first = 0  # node of the first row kept
-
-    def add(self, nodes: slice, states: np.ndarray, moves: Variation) -> None:
-        new = self.rows.at(nodes, states, moves)
-        m = new.shape[2]
-        if self.weighted is not None:
-            self.gradient[:m] += new.reshape(-1, m).T @ self.weighted[nodes].ravel()
-        rows = np.zeros((len(self._kept) + len(new), *new.shape[1:]))
-        rows[: len(self._kept), :, : self._kept.shape[2]] = self._kept
-        rows[len(self._kept) :] = new
-        self._sum(rows, max(len(rows) - (POINTS - 1), 0))
-
-    def finish(self) -> None:
-        """Sum the rows that were kept for want of later ones."""
-        self._sum(self._kept, len(self._kept))
-        upper = np.triu(self.information)
-        self.information = upper + np.triu(upper, 1).T
-
-    def _sum(self, rows: np.ndarray, ready: int) -> None:
-        if ready:
-            band = self.root[self._first : self._first + ready, self._first : self._first + len(rows)]
-            mixed = (band.toarray() @ rows.reshape(len(rows), -1)).reshape(-1, rows.shape[2])
-            m = rows.shape[2]
-            self.information[:m, :m] += mixed.T @ mixed
-        self._kept = rows[ready:]
-        self._first += ready
-
-
-def _weighted(channels: Sequence[Channel], residuals: Sequence[np.ndarray] | None) -> np.ndarray | None:
+def _weighted(channels: Sequence[Channel], residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Whitened residuals taken back to the nodes (nodes, k)."""
-    if residuals is None:
-        return None
     parts = [c.coarse_weights.T @ (r @ c.whitening.T) for c, r in zip(channels, residuals, strict=True)]
     return np.concatenate(parts, axis=1)
 
@@ -235,7 +282,7 @@ def _weighted(channels: Sequence[Channel], residuals: Sequence[np.ndarray] | Non
 def _basis(moves: Variation, kinematics: Kinematics) -> Sensitivity:
     """Unit derivatives of state and free accelerations: columns (n + free)."""
     nodes, nv = kinematics.v.shape
-    n, free, rest = moves.phi.shape[1], moves.free, moves.prediction.rest_v
+    n, free, rest = moves.rows, moves.drive.free, moves.prediction.rest_v
     width = n + len(free)
     pose, q, v, a = np.zeros((6, width)), *np.zeros((3, nv, width))
     pose[:, :POSE] = np.eye(POSE)

@@ -28,14 +28,12 @@ from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prediction import symmetric
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
-from smsid.likelihood.spline import DEGREE
 from smsid.model.spacecraft import SpacecraftModel
 
 logger = logging.getLogger(__name__)
 
 KNOTS_PER_PERIOD = 2.5
 CLOSEST = 0.1  # [s] between knots
-MOST = 2500  # coefficients of all joints of a recording: the normal equations are dense
 GROWTH = 1.05  # factor of a standard deviation that counts as none
 SHIFT = 0.3  # standard deviations of an estimate that count as none
 
@@ -136,9 +134,7 @@ def _refined(
     if joints is None or not piece.follows or _has_gaps(piece):
         return piece, local
     wanted = min(0.5 * joints.spacing, _period(piece, model) / KNOTS_PER_PERIOD)
-    size, width = joints.coefficients.shape
-    most = min(joints.spacing / CLOSEST, (MOST / width - DEGREE) / (size - DEGREE))
-    factor = min(int(np.ceil(joints.spacing / wanted)), int(most))
+    factor = min(int(np.ceil(joints.spacing / wanted)), int(joints.spacing / CLOSEST))
     if factor < 2:
         return piece, local
     finer = joints.with_coefficients(local.motion).divided(factor)

@@ -25,15 +25,14 @@ POSE = 6
 class Linear:
     """Accelerations of the free velocities at the nodes, by x = (pose 6, rest, free velocities) and P.
 
-    P counts parameters, with thrust three gains, and clocks. ``by_state`` (nodes, free, n),
-    ``by_parameter`` (nodes, free, P), ``by_motion`` (nodes, free, 3, joints): by angle, rate and acceleration
-    of the prescribed joints. ``start`` (free, P): derivative of the start velocity.
+    P counts those of the parameters that move anything, with thrust three gains, and clocks. ``by_state``
+    (nodes, free, n), ``by_parameter`` (nodes, free, P), ``by_motion`` (nodes, free, 3, joints): by angle,
+    rate and acceleration of the prescribed joints.
     """
 
     by_state: np.ndarray
     by_parameter: np.ndarray
     by_motion: np.ndarray
-    start: np.ndarray
 
 
 def linearise(
@@ -43,22 +42,25 @@ def linearise(
     thrust: np.ndarray | None,
     clocks: np.ndarray | None,
     follow: np.ndarray,
+    moving: np.ndarray,
 ) -> Linear:
     """Return the linearisation.
 
     ``thrust`` (nodes, nv, 3) per unit gain, ``clocks`` (nodes, nv, 3, c): what they do to prescribed angle,
-    rate and acceleration; ``follow``: prescribed joints.
+    rate and acceleration; ``follow``: prescribed joints; ``moving``: the parameters that move anything.
     """
     model, free = prediction.model, drive.free
     rest, rest_v = prediction.rest_q, prediction.rest_v
-    n_rest, n_free, size = len(rest), len(free), parameters.size
+    moving = moving[moving < parameters.size]
+    n_rest, n_free, size = len(rest), len(free), len(moving)
     with_thrust = size + (0 if thrust is None else 3)
     p, joints = with_thrust + (0 if clocks is None else clocks.shape[3]), len(follow)
     q, v, a = prediction.q, prediction.v, prediction.a
-    chain = parameters.theta_jacobian()
+    chain = parameters.theta_jacobian()[:, moving]
     used = np.flatnonzero(chain.any(axis=1))
     chain = chain[used]
     stiffness, damping, dk, dd = parameters.springs()
+    dk, dd = dk[:, moving], dd[:, moving]
     spring_row = {int(i): k for k, i in enumerate(parameters.layout.model.spring_v)}
     sprung = [
         (int(np.flatnonzero(free == i)[0]), j, spring_row[int(i)])
@@ -96,20 +98,26 @@ def linearise(
         by_state[chosen, :, POSE:] = solved[:, :, :state]
         by_parameter[chosen] = solved[:, :, state : state + p]
         by_motion[chosen] = solved[:, :, state + p :].reshape(len(dq), n_free, 3, joints)
-    start = np.zeros((n_free, p))
-    if v[0].any():
-        # zero free momentum M_ff v_f + M_fp v_p at the start, with M v = Y(q, 0, v) theta
-        still = np.zeros(model.nv)
-        y = pin.computeJointTorqueRegressor(model, data, prediction.q[0], still, prediction.v[0])
-        mass = symmetric(pin.crba(model, data, prediction.q[0]))
-        start[:, :size] = -np.linalg.solve(mass[np.ix_(free, free)], y[free][:, used] @ chain)
-    if clocks is not None:
-        # at zero rate and acceleration v the RNEA derivative is that of M(q) v
-        pin.computeRNEADerivatives(model, data, prediction.q[0], np.zeros(model.nv), prediction.v[0])
-        mass = symmetric(data.M)
-        right = data.dtau_dq[free] @ clocks[0, :, 0] + mass[free] @ clocks[0, :, 1]
-        start[:, with_thrust:] = -np.linalg.solve(mass[np.ix_(free, free)], right)
-    return Linear(by_state, by_parameter, by_motion, start)
+    return Linear(by_state, by_parameter, by_motion)
+
+
+def start_velocities(
+    parameters: Parameters, free: np.ndarray, prediction: Prediction, gains: int, prescribed: np.ndarray
+) -> np.ndarray:
+    """Return the derivatives of the start velocity (free, all) by parameters, gains, what is prescribed.
+
+    Of zero free momentum M_ff v_f + M_fp v_p at the start, with M v = Y(q, 0, v) theta. ``prescribed`` (nv,
+    2, c): what moves prescribed angles and rates.
+    """
+    model, q, v = prediction.model, prediction.q[0], prediction.v[0]
+    data, still = model.createData(), np.zeros(model.nv)
+    y = pin.computeJointTorqueRegressor(model, data, q, still, v)[free] @ parameters.theta_jacobian()
+    # at zero rate and acceleration v the RNEA derivative is that of M(q) v
+    pin.computeRNEADerivatives(model, data, q, still, v)
+    mass = symmetric(data.M)
+    moved = data.dtau_dq[free] @ prescribed[:, 0] + mass[free] @ prescribed[:, 1]
+    right = np.hstack([y, np.zeros((len(free), gains)), moved])
+    return -np.linalg.solve(mass[np.ix_(free, free)], right)
 
 
 def _evaluated(

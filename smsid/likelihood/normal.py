@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, lapack, solve_triangular
 
 from smsid.errors import NotIdentifiableError
+from smsid.likelihood.elimination import EliminatedMotion
 from smsid.likelihood.jacobian import normal
 from smsid.likelihood.point import Evaluation
 from smsid.likelihood.prior import Prior
@@ -18,11 +19,16 @@ from smsid.likelihood.recording_term import RecordingTerm
 
 @dataclass(frozen=True)
 class Normal:
-    """Information (n, n) of data and prior by (parameters, local ones by piece), and gradient (n,)."""
+    """Information (n, n) of data and prior by (parameters, local ones by piece), and gradient (n,).
+
+    The joints' motion is eliminated: ``motions`` by piece follow a step of all else, each that of its own
+    components of the step in units of so many present ones.
+    """
 
     data: np.ndarray
     prior: np.ndarray
     gradient: np.ndarray
+    motions: tuple[tuple[np.ndarray, np.ndarray, EliminatedMotion] | None, ...] = ()
 
     @property
     def information(self) -> np.ndarray:
@@ -32,7 +38,35 @@ class Normal:
     def scaled(self, units: np.ndarray) -> Normal:
         """Return them by parameters whose units are so many of the present ones (n,)."""
         both = np.outer(units, units)
-        return Normal(self.data * both, self.prior * both, self.gradient * units)
+        motions = tuple(x and (x[0], x[1] * units[x[0]], x[2]) for x in self.motions)
+        return Normal(self.data * both, self.prior * both, self.gradient * units, motions)
+
+    def of_common(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the data's information (size, size) and gradient once all local parameters are estimated.
+
+        The gradient is that of data and prior, as it is.
+        """
+        data, gradient = self.data[:size, :size], self.gradient[:size]
+        rest = self.information[size:, size:]
+        if not len(rest):
+            return data, gradient
+        scale = 1.0 / np.sqrt(np.diag(rest))
+        right = np.column_stack([self.data[size:, :size], self.gradient[size:]])
+        solved = cho_solve(cho_factor(rest * np.outer(scale, scale)), scale[:, None] * right)
+        taken = self.data[:size, size:] @ (scale[:, None] * solved)
+        return data - taken[:, :-1], gradient - taken[:, -1]
+
+    @property
+    def motion_gain(self) -> float:
+        """What the joints' motion alone lowers the sum of squares by."""
+        return sum(x[2].gain for x in self.motions if x)
+
+    def motion_steps(self, step: np.ndarray, *, newton: bool = True) -> list[np.ndarray | None]:
+        """Return by piece the step of the joints' motion (m, joints) that goes with one of all else (n,).
+
+        Without ``newton`` only what that step makes of it: along the likelihood's ridge.
+        """
+        return [x and x[2].step(x[1] * step[x[0]], newton=newton) for x in self.motions]
 
     @cached_property
     def _factor(self) -> tuple[np.ndarray, np.ndarray]:
@@ -69,24 +103,24 @@ def normal_at(
     data, known, gradient = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     residual, jacobian = prior.residual(point.parameters)
     known[:size, :size] = jacobian.T @ jacobian
-    first = size
+    first, motions = size, []
     if with_data:
         gradient[:size] -= jacobian.T @ residual
     parts = zip(pieces, point.locals, seen.predictions, seen.residuals, strict=True)
     for piece, local, prediction, residuals in parts:
-        information, slope = normal(
-            piece, point.parameters, local, prediction, residuals if with_data else None
-        )
+        found = normal(piece, point.parameters, local, prediction, residuals if with_data else None)
         place = np.concatenate([np.arange(size), np.arange(first, first + piece.size)])
-        data[np.ix_(place, place)] += information
-        gradient[place] += slope
+        data[np.ix_(place, place)] += found.information
+        gradient[place] += found.gradient
         mine = slice(first, first + piece.size)
-        for out, (own, pull, _) in ((known, piece.prior(local)), (data, piece.encoders(local))):
-            out[mine, mine] += own
-            if with_data:
-                gradient[mine] += pull
+        own, pull, _ = piece.prior(local)
+        known[mine, mine] += own
+        if with_data:
+            gradient[mine] += pull
+        order = place[found.order]
+        motions.append(found.motion and (order, np.ones(len(order)), found.motion))
         first += piece.size
-    return Normal(data, known, gradient)
+    return Normal(data, known, gradient, tuple(motions))
 
 
 def inverse(information: np.ndarray) -> np.ndarray:

@@ -127,7 +127,6 @@ def zero_clocks(slots: Sequence[NuisanceIndex]) -> dict[str, np.ndarray]:
 def moved(slots: Sequence[NuisanceIndex], local: NuisanceValues, step: np.ndarray) -> NuisanceValues:
     """Return the local values a step (size,) away; the pose moves in the bus frame."""
     position, quaternion, gain = local.position, local.quaternion, local.gain
-    motion = local.motion
     bias, scale, clock = dict(local.bias), dict(local.scale), dict(local.clock)
     turn = Rotation.from_quat(local.quaternion)
     for s in slots:
@@ -138,15 +137,13 @@ def moved(slots: Sequence[NuisanceIndex], local: NuisanceValues, step: np.ndarra
             quaternion = (turn * Rotation.from_rotvec(part)).as_quat()
         elif s.kind == "thrust_gain":
             gain = gain + part
-        elif s.kind == "joint_motion":
-            motion = motion + part.reshape(motion.shape[::-1]).T
         elif s.kind == "bias":
             bias[s.channel] = bias[s.channel] + part
         elif s.kind in CLOCK_KINDS:
             clock[s.channel] = clock[s.channel] + np.eye(2)[CLOCK_KINDS.index(s.kind)] * part
         else:
             scale[s.channel] = scale[s.channel] + float(part[0])
-    return NuisanceValues(position, quaternion, gain, bias, scale, motion, clock)
+    return NuisanceValues(position, quaternion, gain, bias, scale, local.motion, clock)
 
 
 def values(slots: Sequence[NuisanceIndex], local: NuisanceValues) -> np.ndarray:
@@ -160,8 +157,6 @@ def values(slots: Sequence[NuisanceIndex], local: NuisanceValues) -> np.ndarray:
                 value = Rotation.from_quat(local.quaternion).as_rotvec()
             case "thrust_gain":
                 value = local.gain
-            case "joint_motion":
-                value = local.motion.T.ravel()
             case _:
                 value = deviation(s, local)
         out[s.start : s.start + s.size] = value

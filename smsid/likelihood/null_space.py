@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.parameters import Parameters
@@ -50,14 +49,7 @@ def unseen_directions(at: Parameters, normal: Normal, wide: np.ndarray) -> tuple
     data's once that is estimated too. Source: the null space of the Fisher information (Rothenberg 1971,
     *Identification in parametric models*), reduced to row echelon form with pivoting.
     """
-    n = at.size
-    own = normal.data[:n, :n]
-    rest = normal.data[n:, n:] + normal.prior[n:, n:]
-    if len(rest):
-        scale = 1.0 / np.sqrt(np.diag(rest))
-        factor = cho_factor(rest * np.outer(scale, scale))
-        mixed = scale[:, None] * normal.data[n:, :n]
-        own = own - mixed.T @ cho_solve(factor, mixed)
+    own, _ = normal.of_common(at.size)
     width = 1.0 / np.sqrt(wide)
     values, vectors = np.linalg.eigh(own * np.outer(width, width))
     basis = vectors[:, values < SEEN].T * width

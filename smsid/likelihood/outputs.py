@@ -6,7 +6,7 @@ attitude 3, thrust gains 3), as in `Sensitivity`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -37,6 +37,10 @@ class Kinematics:
         """Return what the outputs need of a prediction."""
         rotation = rotation_matrices(prediction.q[:, 3:7])
         return cls(model, prediction.q, prediction.v, prediction.a, rotation)
+
+    def at(self, nodes: slice) -> Kinematics:
+        """Return those of some nodes."""
+        return replace(self, q=self.q[nodes], v=self.v[nodes], a=self.a[nodes], rotation=self.rotation[nodes])
 
     def output(self, sensor: Sensor, quantity: str) -> np.ndarray:
         """Return what a sensor reads, (nodes, k); an attitude as quaternion (nodes, 4).

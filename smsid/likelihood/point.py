@@ -67,11 +67,14 @@ class Evaluation:
         return tuple(p.with_noise(r, self.point.parameters, x) for p, r, x in parts)
 
 
-def step_point(pieces: Sequence[RecordingTerm], point: Point, step: np.ndarray) -> Point:
-    """Return the point a step (n,) away."""
+def step_point(
+    pieces: Sequence[RecordingTerm], point: Point, step: np.ndarray, motions: Sequence[np.ndarray | None]
+) -> Point:
+    """Return the point a step (n,) away, and ``motions`` (m, joints) by piece of the joints."""
     size = point.parameters.size
     locals_, first = [], size
-    for piece, local in zip(pieces, point.locals, strict=True):
+    for piece, local, motion in zip(pieces, point.locals, motions, strict=True):
+        local = local if motion is None else replace(local, motion=local.motion + motion)
         locals_.append(piece.moved(local, step[first : first + piece.size]))
         first += piece.size
     return Point(point.parameters.moved(step[:size]), tuple(locals_))

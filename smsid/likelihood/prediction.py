@@ -7,6 +7,7 @@ afterwards.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +22,7 @@ from smsid.kernel.jit import available
 from smsid.kernel.tree import DAMPING, STIFFNESS
 from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.runge_kutta import STAGES, A, B, transitions
+from smsid.likelihood.runge_kutta import STAGES, A, B, stage_values, transitions
 from smsid.likelihood.time_grid import Timeline
 from smsid.simulate.truth import rotation_matrices
 
@@ -83,40 +84,27 @@ def predict(
     k_rest, d_rest = k[rest_v], d[rest_v]
     base = len(free) - len(rest_v)
 
-    if _only_translates(model, free):
-        mass = symmetric(pin.crba(model, data, q[0]))[np.ix_(free, free)]
-        _carried_linear(timeline, mass, applied, k_rest, d_rest, (q, v, a), (rest_q, free, base))
+    start = np.zeros(len(rest_v) + len(free))
+    start[len(rest_v) :] = start_velocity(model, data, q[0], v[0], free)
+    tree = tree_of(model, spacecraft.free) if available() else None
+    if tree is not None:
+        tree.bodies[rest_v - 6, STIFFNESS], tree.bodies[rest_v - 6, DAMPING] = k_rest, d_rest
+        given = (applied, (free, rest_q), timeline.counts, timeline.h, start, A, B)
+        lost = hybrid_motion(*tree.arrays, (q, v, a), *given)
     else:
-        start = np.zeros(len(rest_v) + len(free))
-        start[len(rest_v) :] = start_velocity(model, data, q[0], v[0], free)
-        tree = tree_of(model, spacecraft.free) if available() else None
-        if tree is not None:
-            tree.bodies[rest_v - 6, STIFFNESS], tree.bodies[rest_v - 6, DAMPING] = k_rest, d_rest
-            given = (applied, (free, rest_q), timeline.counts, timeline.h, start, A, B)
-            lost = hybrid_motion(*tree.arrays, (q, v, a), *given)
-        else:
-            places = (rest_q, free, base)
-            lost = _carried(timeline, model, applied, (k_rest, d_rest), (q, v, a), places, start)
-        if lost >= 0:
-            raise SimulationError(
-                f"The predicted motion is not finite at t = {times[lost]:.6g} s.",
-                advice="The starting guess is too far off: start from the linear method.",
-                time=times[lost],
-            )
+        places = (rest_q, free, base)
+        lost = _carried(timeline, model, applied, (k_rest, d_rest), (q, v, a), places, start)
+    if lost >= 0:
+        raise SimulationError(
+            f"The predicted motion is not finite at t = {times[lost]:.6g} s.",
+            advice="The starting guess is too far off: start from the linear method.",
+            time=times[lost],
+        )
     positions, quaternions = _pose(timeline, v, position, quaternion)
     nodes = timeline.node_evaluation
     q, v, a = q[nodes], v[nodes], a[nodes]
     q[:, :3], q[:, 3:7] = positions, quaternions
     return Prediction(model, timeline, q, v, a, rest_q, rest_v)
-
-
-def _only_translates(model: pin.Model, free: np.ndarray) -> bool:
-    """Whether nothing that is free turns: then the mass matrix is constant and the motion linear."""
-    if any(i in free for i in (3, 4, 5)):
-        return False
-    joints = [model.joints[j] for j in range(2, model.njoints)]
-    moving = [j for j in joints if any(j.idx_v + k in free for k in range(j.nv))]
-    return all("Prismatic" in j.shortname() or "Translation" in j.shortname() for j in moving)
 
 
 def _carried(
@@ -164,50 +152,6 @@ def _carried(
     return -1
 
 
-def _carried_linear(
-    timeline: Timeline,
-    mass: np.ndarray,
-    applied: np.ndarray,
-    stiffness: np.ndarray,
-    damping: np.ndarray,
-    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
-    places: tuple[np.ndarray, np.ndarray, int],
-) -> None:
-    """Fill in q, v, a of a motion from rest with constant mass matrix: the Runge-Kutta rule as one matrix."""
-    q, v, a = motion
-    rest_q, free, base = places
-    n_rest, n_free = len(rest_q), len(free)
-    inverse = np.linalg.inv(mass)
-    rate = np.zeros((n_rest + n_free,) * 2)
-    rate[:n_rest, n_rest + base :] = np.eye(n_rest)
-    rate[n_rest:, :n_rest] = -inverse[:, base:] * stiffness
-    rate[n_rest:, n_rest + base :] = -inverse[:, base:] * damping
-    pushed = np.zeros((len(applied), n_rest + n_free))
-    pushed[:, n_rest:] = applied @ inverse
-    inner = timeline.steps * STAGES
-    stages = pushed[:inner].reshape(timeline.steps, STAGES, -1)
-    rates = [np.broadcast_to(rate, (timeline.steps, *rate.shape))] * STAGES
-    phi, gamma, _ = transitions(rates, list(np.moveaxis(stages, 1, 0)[..., None]), timeline.h)
-    assert gamma is not None
-    at_steps, ends = np.empty((timeline.steps, len(rate))), []
-    x, step = np.zeros(len(rate)), 0
-    for count in timeline.counts:
-        for _ in range(count):
-            at_steps[step] = x
-            x = phi[step] @ x + gamma[step, :, 0]
-            step += 1
-        ends.append(x)
-    slopes = np.empty((STAGES, *at_steps.shape))
-    states = np.empty((len(applied), len(rate)))
-    for j in range(STAGES):
-        y = at_steps + timeline.h[:, None] * np.tensordot(A[j, :j], slopes[:j], axes=1)
-        slopes[j] = y @ rate.T + stages[:, j]
-        states[j:inner:STAGES] = y
-    states[inner:] = np.array(ends)
-    q[:, rest_q], v[:, free] = states[:, :n_rest], states[:, n_rest:]
-    a[:, free] = (states @ rate.T + pushed)[:, n_rest:]
-
-
 def symmetric(upper: np.ndarray) -> np.ndarray:
     """Return the symmetric matrices (..., n, n) whose upper triangles are given."""
     return np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
@@ -248,33 +192,26 @@ def _pose(
     """Position and quaternion of the bus at the nodes from its velocity at the evaluations."""
     steps = timeline.steps
     stage_v = v[: steps * STAGES, :6].reshape(steps, STAGES, 6)
-    rate = np.zeros((steps, STAGES, 4, 4))
     a, b, c = 0.5 * np.moveaxis(stage_v[..., 3:], -1, 0)
+    zero = np.zeros_like(a)
     # q_dot = q o (0, omega) / 2, x y z w
-    rows = ((0, c, -b, a), (-c, 0, a, b), (b, -a, 0, c), (-a, -b, -c, 0))
-    for i, row in enumerate(rows):
-        for j, value in enumerate(row):
-            rate[..., i, j] = value
-    h = timeline.h
-    phi, _, stages = transitions(list(np.moveaxis(rate, 1, 0)), None, h, stages=True)
-    assert stages is not None
-    at_steps = np.empty((steps, 4))
-    now = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
-    nodes, places = [], []
-    step = 0
-    for count in timeline.counts:
-        for _ in range(count):
-            at_steps[step] = now
+    rows = ((zero, c, -b, a), (-c, zero, a, b), (b, -a, zero, c), (-a, -b, -c, zero))
+    h, rate = timeline.h, list(np.moveaxis(np.array(rows), (0, 1, 3), (2, 3, 0)))
+    phi, _ = transitions(rate, h)
+    now, nodes = np.asarray(quaternion, dtype=float), []
+    places, first = [], np.concatenate([[0], np.cumsum(timeline.counts)])
+    for begin, stop in itertools.pairwise(first):
+        for turn in phi[begin:stop]:
             nodes.append(now)
-            now = phi[step] @ now
-            now = now / np.linalg.norm(now)
-            step += 1
+            now = turn @ now
         nodes.append(now)
+    # the maps are linear: what they do to the norm can be taken out at the end
     quaternions = np.array(nodes)
-    turned = np.einsum("sjab,sb->sja", stages, at_steps)
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    turned = stage_values(rate, quaternions[timeline.step_node], h)
     turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
-    inertial = np.einsum("sjab,sjb->sja", rotation_matrices(turned), stage_v[..., :3])
-    change = h[:, None] * np.einsum("j,sja->sa", B, inertial)
+    inertial = np.einsum("jsab,sjb->jsa", rotation_matrices(turned), stage_v[..., :3])
+    change = h[:, None] * np.einsum("j,jsa->sa", B, inertial)
     now, step = np.asarray(position, dtype=float), 0
     for count in timeline.counts:
         block = np.vstack([now, now + np.cumsum(change[step : step + count], axis=0)])

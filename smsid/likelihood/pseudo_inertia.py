@@ -68,11 +68,9 @@ def parameters_of(lower: np.ndarray) -> np.ndarray:
 
 def tangent(lower: np.ndarray) -> np.ndarray:
     """Return d theta / d phi (10, 10) at phi = 0 for the factor L (4, 4)."""
-    out = np.empty((SIZE, SIZE))
-    for k, (i, j) in enumerate(PLACES):
-        change = np.outer(lower[:, i], lower[:, j])
-        out[:, k] = inertial_parameters(change + change.T)
-    return out
+    i, j = np.array(PLACES).T
+    change = lower.T[i][:, :, None] * lower.T[j][:, None, :]
+    return inertial_parameters(change + change.transpose(0, 2, 1)).T
 
 
 def step_factor(lower: np.ndarray, phi: np.ndarray) -> np.ndarray:

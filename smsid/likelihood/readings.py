@@ -11,79 +11,89 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solveh_banded
+from scipy.sparse import csr_array
 
-from smsid.likelihood.spline import MeasuredMotion, Samples, design, smoothness
+from smsid.likelihood.spline import DEGREE, MeasuredMotion, Samples, bands, design, smoothness
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Information (n, n) and gradient (n,) by coefficients, joint after joint, offset and drift; and cost."""
+    """Information and gradient of encoders by coefficients (m, joints), and by offset and drift of the clock.
 
-    information: np.ndarray
+    ``bands`` (joints, 6, m): diagonal and lower ones by a joint's coefficients; ``by_clock`` (m, joints, 2)
+    with the clock, ``of_clock`` (2, 2) its own. ``gradient`` (m, joints), ``clock_gradient`` (2,).
+    """
+
+    bands: np.ndarray
+    by_clock: np.ndarray
+    of_clock: np.ndarray
     gradient: np.ndarray
-    cost: float
+    clock_gradient: np.ndarray
 
 
 def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> Agreement:
     """Return how a motion of ``coefficients`` (m, k) agrees with the samples of ``motion``.
 
-    ``clock`` (2,): offset [s] and drift [1] of the encoders' clock. The cost is the sum of squares of the
-    whitened residuals above that of ``motion`` itself.
+    ``clock`` (2,): offset [s] and drift [1] of the encoders' clock.
     """
     m, width = coefficients.shape
-    n = m * width
-    information, gradient = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
+    own, by_clock, of_clock = np.zeros((width, DEGREE + 1, m)), np.zeros((m, width, 2)), np.zeros((2, 2))
+    gradient, clock_gradient = np.zeros((m, width)), np.zeros(2)
     start = float(motion.spline.t[0])
     for s in motion.samples:
         happened = _happened(s, clock, start)
-        basis, slope = (design(happened, motion.spline.t, s.derivative + d) for d in (0, 1))
+        basis = design(happened, motion.spline.t, s.derivative)
         # before the start the joints stand still, whatever the time
-        rate = np.where((happened < start)[:, None], 0.0, slope @ coefficients)
-        left = s.values - basis @ coefficients
-        gram = (basis.T @ basis).toarray()
-        late = (s.times - start)[:, None]
-        for k, weight in enumerate(1.0 / s.sigma**2):
-            own = slice(k * m, (k + 1) * m)
-            by_clock = -rate[:, k : k + 1] * np.hstack([np.ones_like(late), late])
-            information[own, own] += weight * gram
-            information[own, n:] += weight * (basis.T @ by_clock)
-            information[n:, n:] += weight * (by_clock.T @ by_clock)
-            gradient[own] += weight * (basis.T @ left[:, k])
-            gradient[n:] += weight * (by_clock.T @ left[:, k])
-    smooth = smoothness(m)
-    for k, size in enumerate(_largest(motion)):
-        own = slice(k * m, (k + 1) * m)
-        information[own, own] += size * smooth.toarray()
-        gradient[own] -= size * (smooth @ coefficients[:, k])
-    information[n:, :n] = information[:n, n:].T
-    return Agreement(information, gradient, agreement_cost(motion, coefficients, clock))
+        rate = np.where(
+            (happened < start)[:, None], 0.0, _moved(motion, coefficients, happened, s.derivative + 1)
+        )
+        left = s.values - _moved(motion, coefficients, happened, s.derivative)
+        weight = 1.0 / s.sigma**2
+        slopes = -np.stack([rate, rate * (s.times - start)[:, None]], axis=-1)  # (N, k, 2)
+        own += weight[:, None, None] * bands(csr_array(basis.T @ basis))
+        by_clock += weight[:, None] * (basis.T @ slopes.reshape(len(rate), -1)).reshape(m, width, 2)
+        of_clock += np.einsum("nki,nkj,k->ij", slopes, slopes, weight)
+        gradient += weight * (basis.T @ left)
+        clock_gradient += np.einsum("nki,nk,k->i", slopes, left, weight)
+    smooth, largest = smoothness(m), _largest(motion)
+    own += largest[:, None, None] * bands(smooth)
+    gradient -= largest * (smooth @ coefficients)
+    return Agreement(own, by_clock, of_clock, gradient, clock_gradient)
 
 
 def agreement_cost(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
-    """Return the cost of `agreement` alone, for ``coefficients`` (m, k) and ``clock`` (2,)."""
+    """Return the sum of squares of the whitened residuals above that of ``motion`` itself.
+
+    Of ``coefficients`` (m, k), if the encoders' clock shows ``clock`` (2,) too much.
+    """
     return _squares(motion, coefficients, clock) - _squares(motion, motion.coefficients, np.zeros(2))
 
 
 def refit_coefficients(motion: MeasuredMotion, clock: np.ndarray) -> np.ndarray:
     """Return the coefficients (m, k) that agree best with the samples if their clock shows ``clock`` (2,)."""
-    m, width = motion.coefficients.shape
     found = agreement(motion, motion.coefficients, clock)
-    out = motion.coefficients.copy()
-    for k in range(width):
-        own = slice(k * m, (k + 1) * m)
-        out[:, k] += np.linalg.solve(found.information[own, own], found.gradient[own])
-    return out
+    pairs = zip(found.bands, found.gradient.T, strict=True)
+    return motion.coefficients + np.column_stack([solveh_banded(a, b, lower=True) for a, b in pairs])
 
 
 def _happened(s: Samples, clock: np.ndarray, start: float) -> np.ndarray:
     return s.times - clock[0] - clock[1] * (s.times - start)
 
 
+def _moved(
+    motion: MeasuredMotion, coefficients: np.ndarray, times: np.ndarray, derivative: int
+) -> np.ndarray:
+    """A derivative (N, k) of the motion of other coefficients at times (N,), as `design` has it."""
+    spline = motion.with_coefficients(coefficients).spline
+    return spline(np.maximum(times, spline.t[0]), derivative)
+
+
 def _squares(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
-    total = 0.0
+    total, start = 0.0, float(motion.spline.t[0])
     for s in motion.samples:
-        basis = design(_happened(s, clock, float(motion.spline.t[0])), motion.spline.t, s.derivative)
-        total += float(np.sum(((s.values - basis @ coefficients) / s.sigma) ** 2))
+        left = s.values - _moved(motion, coefficients, _happened(s, clock, start), s.derivative)
+        total += float(np.sum((left / s.sigma) ** 2))
     smooth = smoothness(len(coefficients))
     return total + float(np.sum(coefficients * (smooth @ coefficients) * _largest(motion)))
 

@@ -36,7 +36,7 @@ from smsid.likelihood.nuisance_parameters import (
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, applied_forces, predict
-from smsid.likelihood.readings import agreement, agreement_cost, refit_coefficients
+from smsid.likelihood.readings import Agreement, agreement, agreement_cost, refit_coefficients
 from smsid.likelihood.spline import MeasuredMotion
 from smsid.likelihood.time_grid import Timeline
 from smsid.model.column_order import order_columns
@@ -49,13 +49,18 @@ LONGEST = 0.1  # [s]
 
 @dataclass(frozen=True)
 class RecordingTerm:
-    """One recording, ready to be compared with predictions."""
+    """One recording, ready to be compared with predictions.
+
+    ``follows``: the measured joint motion is estimated with everything else. Its coefficients are not among
+    the local parameters: they are eliminated from the normal equations.
+    """
 
     name: str
     drive: Drive
     timeline: Timeline
     channels: tuple[Channel, ...]
     slots: tuple[NuisanceIndex, ...]
+    follows: bool = False
 
     @property
     def size(self) -> int:
@@ -67,9 +72,6 @@ class RecordingTerm:
         """Names of the local parameters."""
         out = []
         for s in self.slots:
-            if s.kind == "joint_motion":
-                out += [f"{self.name}: joint_motion.{k}" for k in range(s.size)]
-                continue
             for k in range(s.size):
                 axis = "xyz"[k % 3] if s.size > 1 else ""
                 station = f"[{k // 3}]" if s.size > 3 else ""
@@ -115,32 +117,18 @@ class RecordingTerm:
             return self.as_measured(local)
         return replace(local, motion=refit_coefficients(joints, local.clock[joints.sensor]))
 
-    @property
-    def follows(self) -> bool:
-        """Whether the measured joint motion is estimated with everything else."""
-        return any(s.kind == "joint_motion" for s in self.slots)
-
     def following(self) -> RecordingTerm:
-        """Return the piece with the coefficients of the measured joint motion among its parameters."""
-        if self.follows or self.drive.joints is None:
-            return self
-        size = self.drive.joints.coefficients.size
-        return replace(
-            self, slots=(*self.slots, NuisanceIndex("joint_motion", "", self.size, size, np.inf, "rad"))
-        )
+        """Return the piece with the measured joint motion estimated with everything else."""
+        return self if self.drive.joints is None else replace(self, follows=True)
 
     def with_joints(self, joints: MeasuredMotion) -> RecordingTerm:
         """Return the piece with another spline of the joints' motion, and steps that end at its knots."""
         drive = replace(self.drive, joints=joints)
         timeline = _knots_on_grid(drive, self.timeline)
-        slots = []
-        for s in self.slots:
-            size = joints.coefficients.size if s.kind == "joint_motion" else s.size
-            slots.append(replace(s, start=sum(x.size for x in slots), size=size))
         channels = self.channels
         if not np.array_equal(timeline.counts, self.timeline.counts):
             channels = on_timeline(channels, timeline)
-        return replace(self, drive=drive, timeline=timeline, channels=channels, slots=tuple(slots))
+        return replace(self, drive=drive, timeline=timeline, channels=channels)
 
     def with_clocks(self, names: Sequence[str]) -> RecordingTerm:
         """Return the piece with the clocks of sensors by ``names`` among its parameters too."""
@@ -232,30 +220,23 @@ class RecordingTerm:
         information, gradient, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         for s in self.slots:
             place = np.arange(s.start, s.start + s.size)
-            if s.kind == "joint_motion":
-                continue
             off = deviation(s, local)
             information[place, place] = 1.0 / s.sigma**2
             gradient[place] = -off / s.sigma**2
             cost += float(off @ off) / s.sigma**2
         return information, gradient, cost
 
-    def encoders(self, local: NuisanceValues) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return information (size, size), gradient (size,) and cost of what encoders say of the motion."""
-        information, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
+    @property
+    def encoder_clocks(self) -> list[NuisanceIndex]:
+        """The slots of the clock of what measures the joints, where their motion is in true time."""
         joints = self.drive.joints
-        if joints is None or not self.follows:
-            return information, gradient, 0.0
-        clock = local.clock.get(joints.sensor)
-        found = agreement(joints, local.motion, np.zeros(2) if clock is None else clock)
-        motion = next(s for s in self.slots if s.kind == "joint_motion")
-        place = list(range(motion.start, motion.start + motion.size))
-        if clock is not None:
-            place += [s.start for s in self._clocks(joints.sensor)]
-        n = len(place)
-        information[np.ix_(place, place)] = found.information[:n, :n]
-        gradient[place] = found.gradient[:n]
-        return information, gradient, found.cost
+        return self._clocks(joints.sensor) if joints is not None and self.follows else []
+
+    def encoders(self, local: NuisanceValues) -> Agreement:
+        """Return what encoders say of the joints' motion."""
+        joints = self.drive.joints
+        assert joints is not None
+        return agreement(joints, local.motion, local.clock.get(joints.sensor, np.zeros(2)))
 
     def known_cost(self, local: NuisanceValues) -> float:
         """Return the cost of what is known beforehand, and of what encoders say."""

@@ -240,7 +240,7 @@ def reported_parameters(
 def gradient_matrix(
     combinations: Sequence[Combination], n: int, size: int, pieces: Sequence[RecordingTerm]
 ) -> np.ndarray:
-    """Return the gradients (rows, n) of what is reported, nuisance parameters but the joints' motion last."""
+    """Return the gradients (rows, n) of what is reported, nuisance parameters last."""
     rows = []
     for c in combinations:
         row = np.zeros(n)
@@ -249,8 +249,7 @@ def gradient_matrix(
     first = size
     for piece in pieces:
         for s in piece.slots:
-            if s.kind != "joint_motion":
-                rows += list(np.eye(n)[first + s.start : first + s.start + s.size])
+            rows += list(np.eye(n)[first + s.start : first + s.start + s.size])
         first += piece.size
     return np.array(rows)
 

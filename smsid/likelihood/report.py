@@ -58,14 +58,9 @@ def nuisances(found: Fit, sigma: np.ndarray) -> list[ParameterEstimate]:
     """Return the local parameters but the joints' motion; ``sigma`` (k,) in their order."""
     out = []
     for piece, local in zip(found.pieces, found.point.locals, strict=True):
-        kept = [k for s in piece.slots if s.kind != "joint_motion" for k in range(s.start, s.start + s.size)]
-        values, names, units = piece.values(local), piece.names, piece.units
-        for k in kept:
-            out.append(
-                ParameterEstimate(
-                    names[k], float(values[k]), units[k], float(sigma[len(out)]), "by_product", "nuisance"
-                )
-            )
+        for name, value, unit in zip(piece.names, piece.values(local), piece.units, strict=True):
+            own = float(sigma[len(out)])
+            out.append(ParameterEstimate(name, float(value), unit, own, "by_product", "nuisance"))
     return out
 
 

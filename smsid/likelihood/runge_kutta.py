@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 STAGES = 7
-BLOCK = 32  # steps worked on at a time, so that they stay in the cache
+BLOCK = 20000  # numbers of a matrix of each step that are worked on at a time: they stay in the cache
 C = np.array([0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0])
 A = np.zeros((STAGES, STAGES))
 A[1, :1] = 1 / 3
@@ -23,47 +23,43 @@ A[6, :6] = 9 / 44, -9 / 11, 63 / 44, 18 / 11, 0.0, -16 / 11
 B = np.array([11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
 
 
-def transitions(
-    rate: Sequence[np.ndarray], drive: Sequence[np.ndarray] | None, h: np.ndarray, *, stages: bool = False
-) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Return what one step makes of x' = rate(t) x + drive(t): x_next = Phi x + Gamma, and its stages.
+PLACES = tuple(sorted({*C.tolist()}))  # of the stages in a step: (5,) different ones
 
-    ``rate``: seven arrays (steps, n, n), one per stage, and ``drive`` seven (steps, n, p); ``h`` (steps,)
-    [s]. Returns Phi (steps, n, n), Gamma (steps, n, p) and, when asked for, the maps (steps, 7, n, n) from x
-    to the homogeneous stage values.
+
+def transitions(rate: Sequence[np.ndarray], h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what one step makes of x' = rate x + drive(t): x_next = Phi x + sum of Gamma drive by place.
+
+    ``rate``: seven arrays (steps, n, n), one per stage; ``h`` (steps,) [s]. Returns Phi (steps, n, n)
+    and Gamma (steps, n, places, n), `PLACES` in order. From the last stage to the first: the derivative of
+    the end by a slope is that of what the slope is used for.
     """
     steps, n, _ = rate[0].shape
-    p = 0 if drive is None else drive[0].shape[2]
-    end = np.empty((steps, n, n + p))
-    maps = np.empty((steps, STAGES, n, n)) if stages else None
-    for first in range(0, steps, BLOCK):
-        part = slice(first, min(first + BLOCK, steps))
-        own = None if drive is None else [d[part] for d in drive]
-        end[part] = _block([r[part] for r in rate], own, h[part], None if maps is None else maps[part])
-    return end[:, :, :n], None if drive is None else end[:, :, n:], maps
+    phi, gamma = np.empty((steps, n, n)), np.zeros((steps, n, len(PLACES), n))
+    block = max(BLOCK // n**2, 1)
+    for first in range(0, steps, block):
+        part = slice(first, min(first + block, steps))
+        step = h[part, None, None]
+        used = np.empty((STAGES, part.stop - first, n, n))
+        total = np.broadcast_to(np.eye(n), used.shape[1:]).copy()
+        for j in range(STAGES - 1, -1, -1):
+            own = np.broadcast_to(B[j] * step * np.eye(n), used.shape[1:]).copy()
+            for i in range(j + 1, STAGES):
+                if A[i, j] != 0.0:
+                    own += (A[i, j] * step) * used[i]
+            np.matmul(own, rate[j][part], out=used[j])
+            total += used[j]
+            gamma[part, :, PLACES.index(C[j])] += own
+        phi[part] = total
+    return phi, gamma
 
 
-def _block(
-    rate: list[np.ndarray], drive: list[np.ndarray] | None, h: np.ndarray, maps: np.ndarray | None
-) -> np.ndarray:
-    steps, n, _ = rate[0].shape
-    width = n if drive is None else n + drive[0].shape[2]
-    slopes = np.zeros((STAGES, steps, n, width))
-    start = np.zeros((steps, n, width))
-    start[:, :, :n] = np.eye(n)
-    step = h[:, None, None]
+def stage_values(rate: Sequence[np.ndarray], starts: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Return the stages (stages, steps, n) of x' = rate x from the ``starts`` (steps, n) of all steps.
+
+    ``rate`` as in `transitions`, ``h`` (steps,) [s].
+    """
+    values, slopes = np.empty((2, STAGES, *starts.shape))
     for j in range(STAGES):
-        at = start.copy()
-        for i in range(j):
-            if A[j, i] != 0.0:
-                at += (A[j, i] * step) * slopes[i]
-        if maps is not None:
-            maps[:, j] = at[:, :, :n]
-        np.matmul(rate[j], at, out=slopes[j])
-        if drive is not None:
-            slopes[j, :, :, n:] += drive[j]
-    end = start
-    for j in range(STAGES):
-        if B[j] != 0.0:
-            end = end + (B[j] * step) * slopes[j]
-    return end
+        values[j] = starts + h[:, None] * np.tensordot(A[j, :j], slopes[:j], axes=1)
+        slopes[j] = (rate[j] @ values[j][..., None])[..., 0]
+    return values

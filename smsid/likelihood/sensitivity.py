@@ -2,27 +2,28 @@
 
 Linearised at the nodes of the grid only; inside a step the coefficients are interpolated as the outputs are,
 and the steps' transition maps come from the Runge-Kutta rule of the prediction. The equations are linear: the
-state of all derivatives is carried on by one matrix product a step. A coefficient of the measured joint
-motion has no effect before the first of its knots, so coefficients are ordered by time and only those begun
-are carried.
+state of all derivatives is carried on by one matrix product a step. They are made for a part of the nodes at
+a time, so that memory does not go with the length of a recording.
+
+A coefficient of the measured joint motion acts within a window of the grid only; what it did before is in the
+state. So derivatives along a few nodes are taken by the state at the first of them, by what is common to all
+nodes, and by those coefficients that act there (`Part.along`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from smsid.likelihood.inputs import Drive
-from smsid.likelihood.linearised import POSE, Linear, linearise, small_adjoint
+from smsid.likelihood.linearised import POSE, linearise, small_adjoint, start_velocities
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.prediction import Prediction, symmetric
-from smsid.likelihood.runge_kutta import STAGES, transitions
+from smsid.likelihood.prediction import Prediction
+from smsid.likelihood.runge_kutta import PLACES, C, transitions
 from smsid.likelihood.spline import WINDOW
-
-CHUNK = 32  # nodes handed out at a time
+from smsid.likelihood.time_grid import POINTS
 
 
 @dataclass(frozen=True)
@@ -40,70 +41,183 @@ class Sensitivity:
 
 
 @dataclass(frozen=True)
-class Variation:
-    """Transition maps of the derivatives of x = (pose 6, rest, free velocities): n rows.
+class Part:
+    """Transition maps of the derivatives of x = (pose 6, rest, free velocities), n rows, along some nodes.
 
-    Columns: the moving ones among parameters, thrust gains and running clocks (``moving`` (k,) of them,
-    numbered in this order), the initial pose (6), and coefficients of the measured joint motion, joint by
-    joint within each.
-    ``phi`` (steps, n, n), ``gamma`` (steps, n, k) and of the motion (steps, n, WINDOW joints) for
-    coefficients from ``first`` (nodes,) on. ``slope_state`` (nodes, free, n), ``slope_moving`` (nodes, free,
-    k) and ``slope_motion`` (nodes, free, WINDOW joints): free accelerations.
+    ``nodes`` are those; ``step`` (nodes,) numbers the maps of the steps that start there, -1 where none does.
+    ``first`` (nodes,) is the first coefficient that acts there. ``phi`` (steps, n, n), ``gamma`` (steps, n,
+    k) by the k moving columns and ``gamma_motion`` (steps, n, WINDOW joints) by coefficients from the first
+    on, those of one time joint by joint. ``slope_state`` (nodes, free, n), ``slope_moving`` (nodes, free, k)
+    and ``slope_motion`` (nodes, free, WINDOW joints): free accelerations.
     """
 
-    prediction: Prediction
-    free: np.ndarray
-    moving: np.ndarray
+    nodes: slice
+    step: np.ndarray
+    first: np.ndarray
     joints: int
-    coefficients: int
     phi: np.ndarray
     gamma: np.ndarray
     gamma_motion: np.ndarray
-    first: np.ndarray
-    start: np.ndarray
     slope_state: np.ndarray
     slope_moving: np.ndarray
     slope_motion: np.ndarray
 
-    @property
-    def front(self) -> int:
-        """Number of columns ahead of the motion's."""
-        return len(self.moving) + POSE
+    def along(self, nodes: slice, common: int) -> np.ndarray:
+        """Return the derivatives of x (nodes, n, n + common + joints coefficients) at some of the nodes.
 
-    @property
-    def width(self) -> int:
-        """Number of columns."""
-        return self.front + self.joints * self.coefficients
-
-    def begun(self, node: int) -> int:
-        """Return the number of columns that may differ from zero at a node."""
-        return self.front + (self.joints * (int(self.first[node]) + WINDOW) if self.joints else 0)
-
-    def window(self, node: int) -> slice:
-        """Return the columns of the motion that act at a node."""
-        place = self.front + self.joints * int(self.first[node])
-        return slice(place, place + self.joints * WINDOW)
-
-    def states(self) -> Iterator[tuple[slice, np.ndarray]]:
-        """Yield, chunk by chunk, nodes and the derivatives of x there (chunk, n, columns begun)."""
-        timeline, k = self.prediction.timeline, len(self.moving)
-        last = np.cumsum(timeline.counts + 1) - 1
-        ends, nodes = set(last.tolist()), int(last[-1]) + 1
-        x, step = self.start.copy(), 0
-        for begin in range(0, nodes, CHUNK):
-            chunk = slice(begin, min(begin + CHUNK, nodes))
-            out = np.zeros((chunk.stop - begin, len(x), self.begun(chunk.stop - 1)))
-            for node in range(begin, chunk.stop):
-                width = self.begun(node)
-                out[node - begin, :, :width] = x[:, :width]
-                if node in ends:
-                    continue
-                x[:, :width] = self.phi[step] @ x[:, :width]
-                x[:, :k] += self.gamma[step]
+        By x at the first of them, by ``common`` columns, the moving ones leading, and by the coefficients
+        that act there.
+        """
+        n, k = self.gamma.shape[1:]
+        own = range(nodes.start - self.nodes.start, nodes.stop - self.nodes.start)
+        first, last = int(self.first[own[0]]), int(self.first[own[-1]])
+        motion = n + common
+        width = motion + (self.joints * (last - first + WINDOW) if self.joints else 0)
+        out = np.empty((len(own), n, width))
+        x = np.eye(n, width)
+        for place, node in enumerate(own):
+            out[place] = x
+            step = self.step[node]
+            if step >= 0 and place + 1 < len(own):
+                x = self.phi[step] @ x
+                x[:, n : n + k] += self.gamma[step]
                 if self.joints:
-                    x[:, self.window(node)] += self.gamma_motion[step]
-                step += 1
-            yield chunk, out
+                    at = motion + self.joints * (int(self.first[node]) - first)
+                    x[:, at : at + self.joints * WINDOW] += self.gamma_motion[step]
+        return out
+
+
+@dataclass(frozen=True)
+class Variation:
+    """The variational equations of a prediction, to be made part by part.
+
+    Columns: the moving ones among parameters, thrust gains and running clocks (``moving`` (k,) of them,
+    numbered in this order), and ``coefficients`` of the measured motion of the joints ``follow``. ``first``
+    (nodes,) is the first of them that acts at a node.
+    """
+
+    parameters: Parameters
+    drive: Drive
+    prediction: Prediction
+    thrust: np.ndarray | None
+    clocks: np.ndarray | None
+    follow: np.ndarray
+    moving: np.ndarray
+    first: np.ndarray
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of x."""
+        return POSE + len(self.prediction.rest_v) + len(self.drive.free)
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.prediction.q)
+
+    @property
+    def coefficients(self) -> int:
+        """Number of coefficients of one joint's motion."""
+        return int(self.first[-1]) + WINDOW if len(self.follow) else 0
+
+    def part(self, nodes: slice) -> Part:
+        """Return the transition maps along some nodes."""
+        timeline = self.prediction.timeline
+        steps = slice(*np.searchsorted(timeline.step_node, (nodes.start, nodes.stop - 1)).tolist())
+        # what is interpolated to stages inside of the steps reaches a little further
+        wide = slice(max(nodes.start - POINTS, 0), min(nodes.stop + POINTS, self.nodes))
+        here = self.prediction
+        here = replace(here, q=here.q[wide], v=here.v[wide], a=here.a[wide])
+        linear = linearise(
+            self.parameters,
+            self.drive,
+            here,
+            None if self.thrust is None else self.thrust[wide],
+            None if self.clocks is None else self.clocks[wide],
+            self.follow,
+            self.moving,
+        )
+        k, count = len(self.moving), steps.stop - steps.start
+        velocity = POSE + len(here.rest_v)
+        h, width = timeline.h[steps], WINDOW * len(self.follow)
+        first = self.first[timeline.step_node[steps]]
+        rates = self._rates(here.v[:, :6], linear.by_state, steps, wide.start)
+        phi, ends = transitions([rates[c] for c in C], h)
+        own, motion = (
+            timeline.at_stages(x, steps, wide.start) for x in (linear.by_parameter, linear.by_motion)
+        )
+        drives = np.empty((count, len(PLACES), len(self.drive.free), k + width))
+        for i, c in enumerate(PLACES):
+            drives[:, i, :, :k] = own[c]
+            times = timeline.step_starts[steps] + c * h
+            drives[:, i, :, k:] = self._following(motion[c], times, first)
+        # they drive velocities alone
+        ends = ends[..., velocity:].reshape(count, len(phi[0]), -1)
+        gamma = ends @ drives.reshape(count, -1, k + width)
+        inner = slice(nodes.start - wide.start, nodes.stop - wide.start)
+        times = timeline.evaluations[timeline.node_evaluation[nodes]]
+        step = np.full(nodes.stop - nodes.start, -1)
+        step[timeline.step_node[steps] - nodes.start] = np.arange(count)
+        return Part(
+            nodes,
+            step,
+            self.first[nodes],
+            len(self.follow),
+            phi,
+            gamma[:, :, :k],
+            gamma[:, :, k:],
+            linear.by_state[inner],
+            linear.by_parameter[inner],
+            self._following(linear.by_motion[inner], times, self.first[nodes]),
+        )
+
+    def start(self) -> np.ndarray:
+        """Return the derivatives of x at the first node (n, 6 + k + WINDOW joints).
+
+        By the initial pose, the moving columns, and the first coefficients.
+        """
+        nv, joints = self.prediction.model.nv, len(self.follow)
+        moved = [np.zeros((nv, 2, 0)) if self.clocks is None else self.clocks[0, :, :2]]
+        if joints:
+            assert self.drive.joints is not None
+            basis = self.drive.joints.basis(self.prediction.timeline.edges[:1], self.first[:1])[:2, 0]
+            own = np.zeros((nv, 2, WINDOW, joints))
+            own[self.follow, :, :, np.arange(joints)] = basis
+            moved.append(own.reshape(nv, 2, -1))
+        gains = 0 if self.thrust is None else self.thrust.shape[2]
+        prescribed = np.concatenate(moved, axis=2)
+        found = start_velocities(self.parameters, self.drive.free, self.prediction, gains, prescribed)
+        kept = np.r_[self.moving, found.shape[1] - WINDOW * joints : found.shape[1]]
+        out = np.zeros((self.rows, POSE + len(kept)))
+        out[:POSE, :POSE] = np.eye(POSE)
+        out[self.rows - len(found) :, POSE:] = found[:, kept]
+        return out
+
+    def _rates(
+        self, base_v: np.ndarray, by_state: np.ndarray, steps: slice, node: int
+    ) -> dict[float, np.ndarray]:
+        """Linear rates of x (steps, n, n) by place of the stage, from values at the nodes from one on."""
+        timeline, free = self.prediction.timeline, self.drive.free
+        n_rest, base = len(self.prediction.rest_v), [int(i) for i in free if i < 6]
+        velocity, n = POSE + n_rest, self.rows
+        stage_v, out = timeline.at_stages(base_v, steps, node), {}
+        for c, own in timeline.at_stages(by_state, steps, node).items():
+            rate = np.zeros((len(own), n, n))
+            rate[:, :POSE, :POSE] = -small_adjoint(stage_v[c])
+            rate[:, base, [velocity + k for k in range(len(base))]] = 1.0
+            rate[:, POSE + np.arange(n_rest), velocity + len(base) + np.arange(n_rest)] = 1.0
+            rate[:, velocity:] = own
+            out[c] = rate
+        return out
+
+    def _following(self, by_motion: np.ndarray, times: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Free accelerations (N, free, WINDOW joints) per coefficient, at times (N,) [s]."""
+        if not len(self.follow):
+            return np.zeros((*by_motion.shape[:2], 0))
+        assert self.drive.joints is not None
+        basis = np.moveaxis(self.drive.joints.basis(times, first), 0, -1)  # (N, WINDOW, 3)
+        found = basis[:, None] @ by_motion
+        return found.reshape(*by_motion.shape[:2], -1)
 
 
 def variation(
@@ -121,108 +235,19 @@ def variation(
     c): prescribed angle, rate and acceleration by offsets and drifts of the clocks they run by, when those
     are. ``motion``: with the coefficients of the measured joint motion.
     """
-    timeline, free = prediction.timeline, drive.free
-    follow = parameters.layout.model.arm_joints.v if motion and drive.joints is not None else np.zeros(0, int)
-    linear = linearise(parameters, drive, prediction, thrust, clocks, follow)
-    moving = np.flatnonzero(linear.by_parameter.any(axis=(0, 1)) | linear.start.any(axis=0))
-    by_parameter = linear.by_parameter[:, :, moving]
-    n_rest, k = len(prediction.rest_v), len(moving)
-    n = POSE + n_rest + len(free)
-    first, coefficients = np.zeros(timeline.steps, dtype=int), 0
-    windows = [np.zeros((timeline.steps, len(free), 0))] * STAGES
-    slope_motion = np.zeros((len(by_parameter), len(free), 0))
-    if len(follow):
-        assert drive.joints is not None
-        coefficients = len(drive.joints.coefficients)
-        first = drive.joints.windows(timeline.step_starts)
-        windows, slope_motion = _following(drive, prediction, linear, first)
-    rates, drives = _rates(prediction, linear, free), []
-    for own, window in zip(timeline.at_stages(by_parameter), windows, strict=True):
-        full = np.zeros((timeline.steps, n, k + window.shape[2]))
-        full[:, POSE + n_rest :, :k] = own
-        full[:, POSE + n_rest :, k:] = window
-        drives.append(full)
-    phi, gamma, _ = transitions(rates, drives, timeline.h)
-    assert gamma is not None
-    start = np.zeros((n, k + POSE + len(follow) * coefficients))
-    start[POSE + n_rest :, :k] = linear.start[:, moving]
-    start[:POSE, k : k + POSE] = np.eye(POSE)
-    if len(follow):
-        place = k + POSE + len(follow) * int(first[0])
-        start[POSE + n_rest :, place : place + WINDOW * len(follow)] = _starting(
-            drive, prediction, follow, int(first[0])
-        )
-    return Variation(
-        prediction,
-        free,
-        moving,
-        len(follow),
-        coefficients,
-        phi,
-        gamma[:, :, :k],
-        gamma[:, :, k:],
-        first[timeline.node_step],
-        start,
-        linear.by_state,
-        by_parameter,
-        slope_motion,
-    )
-
-
-def _rates(prediction: Prediction, linear: Linear, free: np.ndarray) -> list[np.ndarray]:
-    """Linear rates of x (steps, n, n) at the seven stages."""
     timeline = prediction.timeline
-    n_rest, steps = len(prediction.rest_v), timeline.steps
-    velocity = POSE + n_rest
-    n = velocity + len(free)
-    base = [int(i) for i in free if i < 6]
-    stage_v = timeline.at_stages(prediction.v[:, :6])
-    out = []
-    for base_v, by_state in zip(stage_v, timeline.at_stages(linear.by_state), strict=True):
-        rate = np.zeros((steps, n, n))
-        rate[:, :POSE, :POSE] = -small_adjoint(base_v)
-        rate[:, base, [velocity + k for k in range(len(base))]] = 1.0
-        rate[:, POSE + np.arange(n_rest), velocity + len(base) + np.arange(n_rest)] = 1.0
-        rate[:, velocity:] = by_state
-        out.append(rate)
-    return out
-
-
-def _following(
-    drive: Drive, prediction: Prediction, linear: Linear, first: np.ndarray
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Free accelerations per coefficient of the motion, (steps, free, WINDOW joints): at stages and nodes."""
-    assert drive.joints is not None
-    timeline = prediction.timeline
-    steps = timeline.steps
-    out = []
-    times = timeline.evaluations[: steps * STAGES].reshape(steps, STAGES)
-    found: dict[float, np.ndarray] = {}
-    for j, by_motion in enumerate(timeline.at_stages(linear.by_motion)):
-        key = float(times[0, j])
-        if key not in found:
-            basis = drive.joints.basis(times[:, j], first)
-            found[key] = np.einsum("sfdj,dsw->sfwj", by_motion, basis, optimize=True).reshape(
-                steps, by_motion.shape[1], -1
-            )
-        out.append(found[key])
-    node_times = timeline.evaluations[timeline.node_evaluation]
-    basis = drive.joints.basis(node_times, first[timeline.node_step])
-    nodes = np.einsum("sfdj,dsw->sfwj", linear.by_motion, basis, optimize=True)
-    return out, nodes.reshape(*nodes.shape[:2], -1)
-
-
-def _starting(drive: Drive, prediction: Prediction, follow: np.ndarray, first: int) -> np.ndarray:
-    """Start velocity (free, WINDOW joints) per coefficient: M_ff v_f + M_fp v_p = 0 differentiated."""
-    assert drive.joints is not None
-    model, free = prediction.model, drive.free
-    data = model.createData()
-    # at zero rate and acceleration v the RNEA derivative is that of M(q) v
-    pin.computeRNEADerivatives(model, data, prediction.q[0], np.zeros(model.nv), prediction.v[0])
-    mass = symmetric(data.M)
-    basis = drive.joints.basis(prediction.timeline.edges[:1], np.array([first]))
-    by_angle = data.dtau_dq[np.ix_(free, follow)]
-    right = (
-        by_angle[:, None] * basis[0, 0][:, None] + mass[np.ix_(free, follow)][:, None] * basis[1, 0][:, None]
-    )
-    return -np.linalg.solve(mass[np.ix_(free, free)], right.reshape(len(free), -1))
+    follow, first = np.zeros(0, dtype=int), np.zeros(len(prediction.q), dtype=int)
+    if motion and drive.joints is not None:
+        follow = parameters.layout.model.arm_joints.v
+        first = drive.joints.windows(timeline.step_starts)[timeline.node_step]
+    size = parameters.size + (0 if thrust is None else 3) + (0 if clocks is None else clocks.shape[3])
+    every = np.arange(size)
+    # at a motion of what moves that is no special one: what does nothing there does nothing anywhere
+    numbers = np.arange(1.0, prediction.model.nv + 1.0)
+    v, a = prediction.v.any(axis=0) * np.array([np.sin(numbers), np.cos(numbers)])
+    q = pin.integrate(prediction.model, prediction.q[0], v)
+    probe = replace(prediction, q=q[None], v=v[None], a=a[None])
+    found = linearise(parameters, drive, probe, None, None, follow, every[: parameters.size])
+    moves = np.ones(size, dtype=bool)
+    moves[: parameters.size] = found.by_parameter.any(axis=(0, 1))
+    return Variation(parameters, drive, prediction, thrust, clocks, follow, every[moves], first)

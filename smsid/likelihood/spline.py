@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
+from scipy.linalg import cholesky_banded, solveh_banded
 from scipy.sparse import csr_array, diags_array
 
 from smsid.identify.gap_filling import with_spikes
@@ -20,9 +20,9 @@ from smsid.identify.valid_samples import outliers
 
 DEGREE = 5
 CLEANINGS = 3
+COARSEST = 20.0  # [s] between the knots that are tried first
 SMOOTH = 1e-12  # weight of third differences of coefficients, relative to that of samples
 SLACK = 1e-9  # [s]
-BLOCK = 1000  # places of a motion whose variance is worked out at a time
 WINDOW = DEGREE + 2  # functions that act somewhere in a stretch no longer than the spacing of the knots
 
 
@@ -107,10 +107,15 @@ class MeasuredMotion:
 
         At ``times`` (N,) [s].
         """
-        columns = first[:, None] + np.arange(WINDOW)
-        return np.stack(
-            [np.take_along_axis(design(times, self.spline.t, d).toarray(), columns, axis=1) for d in range(3)]
-        )
+        out = np.zeros((3, len(times), WINDOW))
+        row = np.arange(len(times))
+        for d, own in enumerate(out):
+            values, start = _acting(times, self.spline.t, d)
+            for k, column in enumerate(values.T):
+                place = start + k - first
+                inside = (place >= 0) & (place < WINDOW)  # what lies outside is zero there
+                own[row[inside], place[inside]] = column[inside]
+        return out
 
     def values(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return angle, rate and acceleration (N, k) each, at true ``times`` (N,) [s].
@@ -170,6 +175,8 @@ def fit_motion(
 def _best(samples: list[Samples], start: float, stop: float, shortest: float) -> _Fitted:
     best: tuple[float, int] | None = None
     intervals, worse = 4, 0
+    while (stop - start) / intervals > COARSEST:
+        intervals = int(np.ceil(intervals * 1.3))
     while (stop - start) / intervals >= shortest and worse < 3:
         score = _Fitted.of(samples, start, stop, intervals).score
         if best is None or score < best[0]:
@@ -222,17 +229,34 @@ class _Fitted:
         start, stop = float(self.knots[0]), float(self.knots[-1])
         size, width = self.coefficients.shape
         grid = np.linspace(start, stop, 4 * self.intervals + 1)
+        covariance = inverse_bands(self.information)
+        covariance[:, 1:] *= 2.0  # both halves
         densities = np.empty((2, width))
         for d, out in enumerate(densities):
             x = design(grid, self.knots, d)
-            for k, normal in enumerate(self.information):
-                factor, total = cholesky_banded(normal, lower=True), 0.0
-                for first in range(0, len(grid), BLOCK):
-                    rows = x[first : first + BLOCK].toarray().T
-                    total += float(np.sum(rows * cho_solve_banded((factor, True), rows)))
-                out[k] = np.sqrt(total / len(grid) * rate * (stop - start) / size)
+            total = np.sum(covariance * bands(csr_array(x.T @ x)), axis=(1, 2))
+            out[:] = np.sqrt(total / len(grid) * rate * (stop - start) / size)
         spline = BSpline(self.knots, self.coefficients, DEGREE)
         return MeasuredMotion(spline, self.intervals, densities[0], densities[1], self.information, rate=rate)
+
+
+def inverse_bands(information: np.ndarray) -> np.ndarray:
+    """Return the diagonal and lower diagonals (k, 6, m) of the inverses of k banded matrices, given as such.
+
+    Source: Takahashi, Fagan and Chen (1973): from the last column to the first, within the band alone.
+    """
+    out = np.zeros_like(information)
+    lower = np.stack([cholesky_banded(x, lower=True) for x in information])
+    pivot, below = lower[:, 0], lower[:, 1:] / lower[:, :1]
+    later = np.zeros((len(lower), DEGREE, DEGREE))  # the inverse by the next columns
+    for i in range(lower.shape[2] - 1, -1, -1):
+        own = -(later @ below[:, :, i, None])[..., 0]
+        out[:, 0, i] = pivot[:, i] ** -2.0 - np.sum(below[:, :, i] * own, axis=1)
+        out[:, 1:, i] = own
+        later[:, 1:, 1:] = later[:, :-1, :-1].copy()
+        later[:, 0, 0], later[:, 0, 1:] = out[:, 0, i], own[:, :-1]
+        later[:, 1:, 0] = own[:, :-1]
+    return out
 
 
 def _knots(start: float, stop: float, intervals: int) -> np.ndarray:
@@ -257,22 +281,24 @@ def smoothness(size: int) -> csr_array:
 def design(times: np.ndarray, knots: np.ndarray, derivative: int) -> csr_array:
     """Return the values (N, m) of the basis on ``knots`` at times (N,), or those of a derivative.
 
-    Before the first knot those at it; after the last, the last pieces go on.
+    Before the first knot those at it; after the last, the last pieces go on. Six are stored in every row.
     """
-    times = np.maximum(times, knots[0])
-    size = len(knots) - DEGREE - 1
+    values, first = _acting(times, knots, derivative)
+    columns = first[:, None] + np.arange(DEGREE + 1)
+    starts = np.arange(0, values.size + 1, DEGREE + 1)
+    return csr_array((values.ravel(), columns.ravel(), starts), shape=(len(times), len(knots) - DEGREE - 1))
+
+
+def _acting(times: np.ndarray, knots: np.ndarray, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values (N, 6) of the functions that act at times (N,), and the first (N,) of them."""
     inner = knots[derivative : len(knots) - derivative]
-    out = csr_array(BSpline.design_matrix(times, inner, DEGREE - derivative, extrapolate=True))
+    degree = DEGREE - derivative
+    found = BSpline.design_matrix(np.maximum(times, knots[0]), inner, degree, extrapolate=True)
+    values, first = found.data.reshape(-1, degree + 1), found.indices[:: degree + 1]
     # the derivative of a B-spline is one of lower degree on the inner knots, of scaled differences
     for d in range(derivative, 0, -1):
-        out = csr_array(out @ _differences(knots[d - 1 : len(knots) - d + 1], DEGREE - d + 1, size - d + 1))
-    return out
-
-
-def _differences(knots: np.ndarray, degree: int, size: int) -> csr_array:
-    """Matrix (size - 1, size) from the coefficients of a spline to those of its derivative."""
-    scale = degree / (knots[degree + 1 : -1] - knots[1:size])
-    rows = np.repeat(np.arange(size - 1), 2)
-    columns = rows + np.tile([0, 1], size - 1)
-    values = np.column_stack([-scale, scale]).ravel()
-    return csr_array((values, (rows, columns)), shape=(size - 1, size))
+        own, degree = knots[d - 1 : len(knots) - d + 1], degree + 1
+        place = first[:, None] + np.arange(degree)
+        scaled = values * (degree / (own[place + degree + 1] - own[place + 1]))
+        values = np.pad(scaled, ((0, 0), (1, 0))) - np.pad(scaled, ((0, 0), (0, 1)))
+    return values, first

@@ -103,13 +103,17 @@ class Timeline:
         """Interpolation from the nodes (steps, nodes) to the stages inside of all steps, by their place."""
         return {c: self.interpolation(self.step_starts + c * self.h) for c in sorted({*C} - {0.0, 1.0})}
 
-    def at_stages(self, nodes: np.ndarray) -> list[np.ndarray]:
-        """Return values at the seven stages of all steps, (steps, ...) each, from those at the nodes."""
-        flat = nodes.reshape(len(nodes), -1)
-        found = {0.0: nodes[self.step_node], 1.0: nodes[self.step_node + 1]}
+    def at_stages(self, nodes: np.ndarray, steps: slice, first: int) -> dict[float, np.ndarray]:
+        """Return values at the stages of some steps, (steps, ...) by their place in a step.
+
+        From those at the nodes from ``first`` on that lie `POINTS` around the steps or nearer.
+        """
+        flat, place = nodes.reshape(len(nodes), -1), self.step_node[steps] - first
+        found = {0.0: nodes[place], 1.0: nodes[place + 1]}
         for c, weights in self.stage_interpolation.items():
-            found[c] = (weights @ flat).reshape(-1, *nodes.shape[1:])
-        return [found[c] for c in C]
+            own = weights[steps, first : first + len(nodes)]
+            found[c] = (own @ flat).reshape(len(place), *nodes.shape[1:])
+        return found
 
     def interpolation(self, times: np.ndarray) -> csr_array:
         """Return W (N, nodes) that takes values at the nodes to times (N,): Lagrange of degree seven.

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # loads a part of it when that is used
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
-from scipy.signal import correlate
 
 from smsid._statistics import NORMAL95
 from smsid.errors import RecordingError
@@ -104,7 +104,7 @@ def _peak(reference: np.ndarray, wide: np.ndarray, steps: int, rate: float) -> t
     """
     a = reference - reference.mean()
     n = a.size
-    product = correlate(wide, a, mode="valid", method="fft")
+    product = scipy.signal.correlate(wide, a, mode="valid", method="fft")
     ones = np.concatenate([[0.0], np.cumsum(wide)]), np.concatenate([[0.0], np.cumsum(wide**2)])
     sums, squares = (c[n:] - c[:-n] for c in ones)
     spread = np.sqrt(np.maximum(squares - sums**2 / n, 0.0)) * np.linalg.norm(a)

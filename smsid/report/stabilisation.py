@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.errors import SmsidError
+from smsid.identify.appendage_modes import FEWEST_ROWS, MODE_SHARE, MOST_ROWS, ORDERS, panel_modes
 from smsid.identify.clocks import event_times, rate_of, sample_channel
 from smsid.identify.commanded import excited_axes
 from smsid.identify.modes import Mode, Poles
-from smsid.identify.panel_modes import FEWEST_ROWS, MODE_SHARE, MOST_ROWS, ORDERS, panel_modes
 from smsid.identify.sensor_roles import Roles
 from smsid.identify.ssi_decimate import decimate
 from smsid.identify.ssi_input import ssi_cov_input

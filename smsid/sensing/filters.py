@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy  # loads a part of it when that is used
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from smsid.errors import RecordingError
 from smsid.sensing._signals import FloatArray
@@ -35,7 +35,7 @@ def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> Floa
             the cutoff.
     """
     data, sos, pad = _prepare(x, rate, cutoff, order)
-    return np.asarray(sosfiltfilt(sos, data, axis=0, padlen=pad))
+    return np.asarray(scipy.signal.sosfiltfilt(sos, data, axis=0, padlen=pad))
 
 
 def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
@@ -56,7 +56,7 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int =
     data, sos, pad = _prepare(x, rate, cutoff, order)
     n = data.shape[0]
     wide = np.concatenate([np.zeros((pad, *data.shape[1:])), data, np.zeros((pad, *data.shape[1:]))])
-    wide = sosfilt(sos, sosfilt(sos, wide, axis=0)[::-1], axis=0)[::-1]
+    wide = scipy.signal.sosfilt(sos, scipy.signal.sosfilt(sos, wide, axis=0)[::-1], axis=0)[::-1]
     left, out, right = wide[:pad], wide[pad : pad + n].copy(), wide[pad + n :]
     out[0] += 2.0 * left.sum(axis=0)
     out[1 : pad + 1] -= left[::-1]
@@ -146,5 +146,5 @@ def _prepare(x: ArrayLike, rate: float, cutoff: float, order: int) -> tuple[Floa
             advice="Filters spread them over the record; cut or fill them first.",
             samples=bad,
         )
-    sos = np.asarray(butter(order, cutoff, fs=rate, output="sos"))
+    sos = np.asarray(scipy.signal.butter(order, cutoff, fs=rate, output="sos"))
     return data, sos, min(wanted, samples - 1)

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from smsid.errors import DescriptionError
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor, tangent
-from smsid.likelihood.runge_kutta import A, B, C, transitions
+from smsid.likelihood.runge_kutta import PLACES, A, B, C, stage_values, transitions
 from smsid.likelihood.spline import Samples, fit_motion
 from smsid.likelihood.time_grid import Timeline
 
@@ -71,19 +71,29 @@ def test_integration_is_of_order_six():
     errors = []
     for n in (20, 40, 80):
         h = np.full(n, 5.0 / n)
-        times = np.arange(n)[:, None] * h[0] + h[0] * C
-        drive = np.stack([np.zeros_like(times), np.cos(times)], -1)[..., None]
-        phi, gamma, _ = transitions([np.broadcast_to(rate, (n, 2, 2))] * 7, list(np.moveaxis(drive, 1, 0)), h)
-        assert gamma is not None
-        x = np.array([[1.0], [0.0]])
-        for a, b in zip(phi, gamma, strict=True):
-            x = a @ x + b
+        times = np.arange(n)[:, None] * h[0] + h[0] * np.array(PLACES)
+        drive = np.stack([np.zeros_like(times), np.cos(times)], -1)
+        phi, gamma = transitions([np.broadcast_to(rate, (n, 2, 2))] * 7, h)
+        x = np.array([1.0, 0.0])
+        for a, b, d in zip(phi, gamma.reshape(n, 2, -1), drive.reshape(n, -1), strict=True):
+            x = a @ x + b @ d
         # the oscillator with (cos, sin) as two more states
         big = np.zeros((4, 4))
         big[:2, :2], big[1, 2], big[2, 3], big[3, 2] = rate, 1.0, -1.0, 1.0
         exact = expm(5.0 * big) @ [1.0, 0.0, 1.0, 0.0]
-        errors.append(np.abs(x[:, 0] - exact[:2]).max())
+        errors.append(np.abs(x - exact[:2]).max())
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 6.0, atol=0.5)
+
+
+def test_stages_are_those_of_the_step():
+    """What the stages' slopes sum to is the map of the step, for a rate that is another at every stage."""
+    rng = np.random.default_rng(0)
+    rate, h = list(rng.standard_normal((7, 5, 3, 3))), rng.uniform(0.1, 0.3, 5)
+    starts = rng.standard_normal((5, 3))
+    stages = stage_values(rate, starts, h)
+    end = starts + h[:, None] * np.einsum("j,jnab,jnb->na", B, np.array(rate), stages)
+    phi, _ = transitions(rate, h)
+    np.testing.assert_allclose(np.einsum("nab,nb->na", phi, starts), end, rtol=1e-12)
 
 
 def test_interpolation_never_crosses_a_jump():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,16 +29,17 @@ def case(request: pytest.FixtureRequest) -> tuple[RecordingTerm, NuisanceValues,
     # away from the description, where symmetric zeros would hide mistakes
     step = 0.03 * rng.standard_normal(parameters.size)
     shift = 0.01 * rng.standard_normal(piece.size)
-    return piece, piece.moved(local, shift * scales(piece)), parameters.moved(step)
+    motion = 1e-4 * rng.standard_normal(local.motion.shape)  # it stays a smooth one
+    return piece, piece.moved(replace(local, motion=local.motion + motion), shift), parameters.moved(step)
 
 
-def scales(piece: RecordingTerm) -> np.ndarray:
-    """One, but for the joints' motion, which stays a smooth one."""
-    out = np.ones(piece.size)
-    for s in piece.slots:
-        if s.kind == "joint_motion":
-            out[s.start : s.start + s.size] = 0.01
-    return out
+def moved(
+    piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, step: np.ndarray
+) -> tuple[Parameters, NuisanceValues]:
+    """What a step in (parameters, local ones, coefficients of the joints' motion) leads to."""
+    size, whole = parameters.size, parameters.size + piece.size
+    changed = local.motion + step[whole:].reshape(local.motion.shape) if piece.follows else local.motion
+    return parameters.moved(step[:size]), piece.moved(replace(local, motion=changed), step[size:whole])
 
 
 def outputs(piece: RecordingTerm, parameters: Parameters, local: NuisanceValues) -> list[np.ndarray]:
@@ -49,26 +51,21 @@ def test_jacobian_of_every_channel(case: tuple[RecordingTerm, NuisanceValues, Pa
     piece, local, parameters = case
     prediction = piece.predict(parameters, local)
     found_columns = columns(piece, parameters, local, prediction)
-    size = parameters.size
     h = 1e-5
     rng = np.random.default_rng(2)
-    chosen_columns = list(range(size + piece.size))
-    for s in piece.slots:
-        if s.kind == "joint_motion":
-            inside = range(size + s.start, size + s.start + s.size)
-            few = {inside[0], inside[-1], *rng.choice(inside, 20, replace=False).tolist()}
-            chosen_columns = [i for i in chosen_columns if i not in inside or i in few]
+    whole, motion = parameters.size + piece.size, local.motion.size if piece.follows else 0
+    chosen_columns = list(range(whole))
+    if motion:
+        ends = {whole, whole + motion - 1}
+        chosen_columns += sorted(ends | {whole + int(i) for i in rng.choice(motion, 20, replace=False)})
     for i in chosen_columns:
-        step = h * np.eye(size + piece.size)[i]
-        pair = [
-            outputs(piece, parameters.moved(s * step[:size]), piece.moved(local, s * step[size:]))
-            for s in (1.0, -1.0)
-        ]
+        step = h * np.eye(whole + motion)[i]
+        pair = [outputs(piece, *moved(piece, parameters, local, s * step)) for s in (1.0, -1.0)]
         for c, own, up, down in zip(piece.channels, found_columns, *pair, strict=True):
             chosen = rng.choice(len(c.times), 200, replace=False)
             if c.quantity == "attitude":
                 # rotation vectors from the measured attitude are small but not zero: compare predictions
-                difference = attitude_difference(piece, parameters, local, step, size)[chosen] / (2 * h)
+                difference = attitude_difference(piece, parameters, local, step)[chosen] / (2 * h)
             else:
                 difference = (up - down)[chosen] / (2 * h)
             found = (c.coarse_weights @ own[:, :, i])[chosen]
@@ -78,11 +75,11 @@ def test_jacobian_of_every_channel(case: tuple[RecordingTerm, NuisanceValues, Pa
 
 
 def attitude_difference(
-    piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, step: np.ndarray, size: int
+    piece: RecordingTerm, parameters: Parameters, local: NuisanceValues, step: np.ndarray
 ) -> np.ndarray:
     turns = []
     for s in (1.0, -1.0):
-        p, own = parameters.moved(s * step[:size]), piece.moved(local, s * step[size:])
+        p, own = moved(piece, parameters, local, s * step)
         kinematics = Kinematics.of(twin.model(), piece.predict(p, own))
         c = next(c for c in piece.channels if c.quantity == "attitude")
         turns.append(Rotation.from_quat(c.weights @ kinematics.output(c.sensor, "attitude")))
@@ -100,4 +97,4 @@ def test_cheaper_than_differences(case: tuple[RecordingTerm, NuisanceValues, Par
     for _ in range(5):
         outputs(piece, parameters, local)
     once = (time.process_time() - begin) / 5
-    assert analytic < 0.1 * 2 * (parameters.size + piece.size) * once
+    assert analytic < 0.1 * 2 * (parameters.size + piece.size + local.motion.size) * once

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.identify.appendage_modes import panel_modes
 from smsid.identify.clocks import event_times, rate_of, sample_channel
 from smsid.identify.commanded import excited_axes
-from smsid.identify.panel_modes import panel_modes
 from smsid.identify.paper.exp1_axis_data import SMOOTHING, axis_data
 from smsid.identify.paper.exp1_described import check_length, check_possible, left_as_described
 from smsid.identify.paper.exp1_panels import (

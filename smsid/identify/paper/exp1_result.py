@@ -11,9 +11,9 @@ from smsid._short_repr import short_repr
 from smsid.effects.appendage import Appendage, Mode
 from smsid.effects.assembly import AppendageJoints
 from smsid.effects.slosh import Slosh
+from smsid.identify.appendage_modes import PanelModes
 from smsid.identify.estimate import ParameterEstimate, classify
 from smsid.identify.identified import match_modes
-from smsid.identify.panel_modes import PanelModes
 from smsid.identify.paper.combined import Combined, combine
 from smsid.identify.paper.exp1_densities import densities, mark_contradictions, refuse_nonpositive
 from smsid.identify.paper.exp1_panels import PanelShares, is_density, panels_of

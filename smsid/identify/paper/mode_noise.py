@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.identify.appendage_modes import PanelModes, panel_modes
 from smsid.identify.modes import Mode
-from smsid.identify.panel_modes import PanelModes, panel_modes
 from smsid.identify.paper.noise_replicates import small_sample_factor
 
 REPLICATES = 8

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+import scipy  # loads a part of it when that is used
 
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
@@ -235,7 +235,7 @@ def integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
     """Return x (N,) and its integrals up to ``order``, by trapezoids from the first sample."""
     out = [np.asarray(x, dtype=float)]
     for _ in range(order):
-        out.append(cumulative_trapezoid(out[-1], t, initial=0.0))
+        out.append(scipy.integrate.cumulative_trapezoid(out[-1], t, initial=0.0))
     return out
 
 

@@ -5,15 +5,15 @@ Both are low-passed alike by the span, so noise is not amplified, and neither is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smsid.recording._attitude import conjugate, multiply, rotate, rotation_vector, slerp
-from smsid.recording._clock import find_gaps
-from smsid.recording._resampling import linear
+from smsid.recording._clock import Gap, find_gaps
 
 FloatArray = NDArray[np.float64]
 
@@ -25,8 +25,12 @@ MAX_TURN = 0.7
 
 @dataclass(frozen=True)
 class SpanPair:
-    """Increments (M, k) of ``x`` and integrals (M, k) of its rate over ``span`` from ``begins`` (M,) [s]."""
+    """Increments (M, k) of ``x`` and integrals (M, k) of its rate over ``span`` from ``begins`` (M,) [s].
 
+    ``count`` samples are a span.
+    """
+
+    count: int
     span: float
     begins: FloatArray
     increments: FloatArray
@@ -48,49 +52,81 @@ class KinematicPair:
     kind: str = "plain"
     attitude: tuple[FloatArray, FloatArray] | None = None
 
-    def spans(self, lag: float = 0.0, only: float | None = None) -> Iterator[SpanPair]:
-        """Yield the spans, doubling from one sample; ``lag`` [s] takes the rate that much later."""
-        driven = integral(self.times, self.v)
+    def spans(self) -> Iterator[SpanPair]:
+        """Yield the spans, doubling from one sample."""
+        count = 1
+        while (pair := self.shifted(count)) is not None:
+            yield pair
+            count *= 2
+
+    def shifted(self, count: int, lag: float = 0.0, column: slice = slice(None)) -> SpanPair | None:
+        """Return the spans of so many samples, a power of two, or ``None`` where they are too few or long.
+
+        ``lag`` [s] takes the rate that much later; of a ``column`` of both alone.
+        """
         low, high = self.times[0] - lag, self.times[-1] - lag
         if self.attitude is not None:
             low, high = max(low, self.attitude[0][0]), min(high, self.attitude[0][-1])
-        inside = (self.t >= low) & (self.t <= high)
-        t, x = self.t[inside], self.x[inside]
-        if t.size <= 2 * MIN_SPANS:
-            return
-        s = linear(self.times, driven, np.clip(t + lag, self.times[0], self.times[-1]))
-        step = float(np.median(np.diff(t)))
-        span = 1
-        while span <= t.size // MIN_SPANS:
-            if only is None or abs(span * step - only) < 0.25 * step:
-                stride = max(1, span // 4)
-                a = self._increments(t, x, span, stride)
-                if a is None:
-                    return
-                b = s[span::stride] - s[:-span:stride]
-                begins, ends = t[:-span:stride], t[span::stride]
-                whole = ~(crosses_a_gap(self.t, begins, ends) | crosses_a_gap(self.times - lag, begins, ends))
-                if np.count_nonzero(whole) < MIN_SPANS:
-                    return
-                a, b = a[whole], b[whole]
-                yield SpanPair(span * step, begins[whole], a - a.mean(axis=0), b - b.mean(axis=0))
-            span *= 2
+        first, stop = np.searchsorted(self.t, low, side="left"), np.searchsorted(self.t, high, side="right")
+        size = int(stop - first)
+        if size <= 2 * MIN_SPANS or count > size // MIN_SPANS:
+            return None
+        stride = max(1, count // 4)
+        t = self.t[first:stop:stride]
+        begins, ends = t[: -(count // stride)], t[count // stride :]
+        a = self._increments(slice(first, stop - count, stride), count, column, kept=lag != 0.0)
+        if a is None:
+            return None
+        at = np.clip(t + lag, self.times[0], self.times[-1])
+        s = np.column_stack([np.interp(at, self.times, own) for own in self._driven.T[column]])
+        b = s[count // stride :] - s[: -(count // stride)]
+        (own, rate), late = self._gaps, (begins + lag, ends + lag)
+        whole = ~(crosses_a_gap(own, begins, ends) | crosses_a_gap(rate, *late))
+        if np.count_nonzero(whole) < MIN_SPANS:
+            return None
+        a, b = a[whole], b[whole]
+        return SpanPair(count, count * self._step, begins[whole], a - a.mean(axis=0), b - b.mean(axis=0))
 
-    def _increments(self, t: FloatArray, x: FloatArray, span: int, stride: int) -> FloatArray | None:
-        before, after = x[:-span:stride], x[span::stride]
+    @cached_property
+    def _driven(self) -> FloatArray:
+        return integral(self.times, self.v)
+
+    @cached_property
+    def _step(self) -> float:
+        return float(np.median(np.diff(self.t)))
+
+    @cached_property
+    def _gaps(self) -> tuple[tuple[Gap, ...], tuple[Gap, ...]]:
+        return find_gaps(self.t), find_gaps(self.times)
+
+    def _increments(self, begins: slice, count: int, column: slice, *, kept: bool) -> FloatArray | None:
+        """Increments (M, k) from some samples on; ``kept``: of all samples at once, for other lags too."""
+        if kept and self.kind != "plain":
+            found = self._turned(count)[begins]
+        else:
+            ends = slice(begins.start + count, begins.stop + count, begins.step)
+            found = self._between(begins, ends)
+        if self.kind == "attitude" and np.linalg.norm(found, axis=1).max() > MAX_TURN:
+            return None
+        return found[:, column]
+
+    @cached_property
+    def _turned(self) -> Callable[[int], FloatArray]:
+        return cache(lambda count: self._between(slice(0, self.t.size - count), slice(count, None)))
+
+    def _between(self, begins: slice, ends: slice) -> FloatArray:
+        before, after = self.x[begins], self.x[ends]
         if self.kind == "attitude":
-            turned = rotation_vector(multiply(conjugate(before), after))
-            return None if np.linalg.norm(turned, axis=1).max() > MAX_TURN else turned
-        if self.kind == "inertial":
-            assert self.attitude is not None
-            middle = 0.5 * (t[:-span:stride] + t[span::stride])
-            return rotate(conjugate(slerp(*self.attitude, middle)), after - before)
-        return after - before
+            return rotation_vector(multiply(conjugate(before), after))
+        if self.attitude is None:
+            return after - before
+        times, values = self.attitude
+        middle = np.clip(0.5 * (self.t[begins] + self.t[ends]), times[0], times[-1])
+        return rotate(conjugate(slerp(times, values, middle)), after - before)
 
 
-def crosses_a_gap(t: FloatArray, begins: FloatArray, ends: FloatArray) -> NDArray[np.bool_]:
-    """Mark spans from ``begins`` (M,) to ``ends`` (M,) that reach over a gap of the clock ``t`` (N,) [s]."""
-    gaps = find_gaps(t)
+def crosses_a_gap(gaps: Sequence[Gap], begins: FloatArray, ends: FloatArray) -> NDArray[np.bool_]:
+    """Mark spans from ``begins`` (M,) to ``ends`` (M,) that reach over one of the gaps of a clock [s]."""
     if not gaps:
         return np.zeros(begins.size, dtype=bool)
     opens, closes = (np.array([getattr(g, end) for g in gaps]) for end in ("start", "end"))

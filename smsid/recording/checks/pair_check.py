@@ -238,9 +238,9 @@ class PairCheck:
         # The component that correlates best dates best.
         i, b = max(good, key=lambda item: item[1].correlation)
         grid = np.arange(-MAX_LAG, MAX_LAG + 1e-9, max(0.02, 0.5 * step))
-        scores = np.array([self._correlation(i, lag, b.pair.span) for lag in grid])
+        scores = np.array([self._correlation(i, lag, b.pair.count) for lag in grid])
         k = int(np.argmax(scores))
-        without, at = self._correlation(i, 0.0, b.pair.span), float(scores[k])
+        without, at = self._correlation(i, 0.0, b.pair.count), float(scores[k])
         lag = float(grid[k])
         if k in (0, grid.size - 1) or abs(lag) < max(LAG, 2.5 * step):
             return None
@@ -258,12 +258,13 @@ class PairCheck:
         clear = abs(lag) > max(CLEAR_LAG, 4.0 * step)
         return Finding(who, (), "delay", other, (abs(lag), at, without), clear, sentence, mend)
 
-    def _correlation(self, i: int, lag: float, span: float) -> float:
-        for s in self.pair.spans(lag, span):
-            a, b = s.increments[:, i], s.integrals[:, i]
-            scale = math.sqrt(float(a @ a) * float(b @ b))
-            return float(a @ b) / scale if scale > 0.0 else 0.0
-        return 0.0
+    def _correlation(self, i: int, lag: float, count: int) -> float:
+        s = self.pair.shifted(count, lag, slice(i, i + 1))
+        if s is None:
+            return 0.0
+        a, b = s.increments[:, 0], s.integrals[:, 0]
+        scale = math.sqrt(float(a @ a) * float(b @ b))
+        return float(a @ b) / scale if scale > 0.0 else 0.0
 
 
 def _explained(pair: KinematicPair, usable: list[bool]) -> float | None:

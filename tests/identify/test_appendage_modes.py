@@ -11,8 +11,8 @@ import scipy.signal
 from scipy.optimize import brentq
 
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
+from smsid.identify.appendage_modes import panel_modes
 from smsid.identify.modes import mac
-from smsid.identify.panel_modes import panel_modes
 
 ORACLE = os.environ.get("SMSID_ORACLE", "")
 oracle = pytest.mark.skipif(
