@@ -24,7 +24,7 @@ from smsid.diagnose.noise_covariance import (
 )
 from smsid.diagnose.open_loop_check import unexplained_fraction
 from smsid.diagnose.score_test import Candidate, Score
-from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy
+from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy, band_tests
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.unknown_input_test import unknown_input_tests
@@ -47,7 +47,8 @@ class Search:
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
     fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
     prediction errors over the stated noise, before and after, ``strays`` (rows,) those of every component.
-    ``coarse`` are components read in steps.
+    ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
+    in steps.
     ``failed`` says in sentences what could not be done for numerical reasons.
     """
 
@@ -67,6 +68,7 @@ class Search:
     coarse: frozenset[str] = frozenset()
     failed: tuple[str, ...] = ()
     strays: tuple[np.ndarray, np.ndarray] = (np.ones(0), np.ones(0))
+    bands: tuple[SpecificationTest, ...] = ()
 
     @property
     def left(self) -> tuple[SpecificationTest, ...]:
@@ -121,6 +123,7 @@ def search(
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
         levels, coarse, tuple(state.failed),
         (state.strays, strays_by_row(state.current.run, state.fitted.factors)),
+        tuple(band_tests(state.current, state.fitted.factors)),
     )  # fmt: skip
 
 
