@@ -101,7 +101,8 @@ def arrays_of(
     found.bodies[model.spring_v - start, c.DAMPING] = model.damping
     frictions = [x for x in terms if isinstance(x, Friction)]
     beams = [x for x in terms if isinstance(x, Beam)]
-    if len(frictions) + len(beams) < len(terms):
+    loaded = [x.dof for x in frictions if x.numbers[c.LOAD]]
+    if len(frictions) + len(beams) < len(terms) or len(set(loaded)) < len(loaded):  # they see each other's
         return None
     tables = [np.r_[x.dof - start, x.start, x.numbers] for x in frictions]
     tables += [_beam_table(found, bodies or model.pin, start, x) for x in beams]

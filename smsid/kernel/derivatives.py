@@ -7,10 +7,13 @@ depends on nothing else, so that p and D add up over bodies.
 
 from __future__ import annotations
 
+import numpy as np
+
 from smsid.kernel.beams import UNITS, ZERO, add_beam_derivatives
-from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FREE, FRICTIONS, PARENT, STIFFNESS
+from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FREE, FRICTIONS, PARENT, STIFFNESS, TIME
 from smsid.kernel.friction import add_friction
-from smsid.kernel.jit import compiled
+from smsid.kernel.jit import compiled, compiled_and_cached
+from smsid.kernel.motion import start_of_chart
 from smsid.kernel.spatial import (
     bracket,
     cross,
@@ -24,12 +27,14 @@ from smsid.kernel.spatial import (
     transposed,
     wrench,
 )
-from smsid.kernel.tree import outward
+from smsid.kernel.tree import outward, workspace
 
 
 @compiled
-def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, work, out):
-    """Write the generalised forces (nv,) that an acceleration takes, springs and dampers included."""
+def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out):
+    """Write the generalised forces (nv,) that an acceleration takes, springs, dampers and friction included,
+    which may go by the applied forces ``load`` (nv,).
+    """
     outward(tree, bodies, root, angles, v, a, gravity, work)
     axes, forces, n = work[2], work[5], len(tree)
     start = 6 if root[FREE] > 0.0 else 0
@@ -41,10 +46,21 @@ def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, work, out):
             total += axes[i, c] * forces[i, c]
             forces[above, c] += forces[i, c]
         out[k] = total
-    if root[FRICTIONS] > 0.0:  # none by load: what drives the joints is not known here
-        add_friction(root, angles, v, work[10], 1.0, out)
+    if root[FRICTIONS] > 0.0:
+        add_friction(root, angles, v, load, 1.0, out)
     for c in range(start):
         out[c] = forces[n, c]
+
+
+@compiled_and_cached
+def forces_along(tree, bodies, root, times, q, v, a, load, out):
+    """Write what `inverse_dynamics` gives along a motion: q (N, nq), the others and ``out`` (N, nv)."""
+    n = len(tree)
+    work, angles = workspace(n), np.empty(n)
+    for k in range(len(times)):
+        root[TIME] = times[k]
+        gravity = start_of_chart(tree, root, q[k], angles)
+        inverse_dynamics(tree, bodies, root, angles, v[k], a[k], gravity, load[k], work, out[k])
 
 
 @compiled

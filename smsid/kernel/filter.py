@@ -48,7 +48,7 @@ def by_parameters(tree, bodies, roots, terms, weights, pushed, push, at, inverse
     changes = np.zeros(out.shape)
     for k in range(len(terms)):
         table, i = terms[k, 0], terms[k, 1]
-        inverse_dynamics(tree, bodies[table], roots[table], angles, v, a, gravity, work, force)
+        inverse_dynamics(tree, bodies[table], roots[table], angles, v, a, gravity, work[10], work, force)
         for c in range(len(v)):
             changes[c, i] -= weights[k] * force[c]
     for k in range(len(pushed)):
