@@ -82,7 +82,8 @@ class Sensitivities:
         `DescriptionError` for an instance the spacecraft cannot have, `NotIdentifiableError` for one that
         adds joints, which has no derivative at zero.
         """
-        known = changed.name in {e.name for e in self.point.description.effect}
+        there = {e.name: e for e in self.point.description.effect}
+        known = changed.name in there and there[changed.name] is not plain  # else the point has it so
         base = self.point.with_effect(plain) if known else self.point
         other, cls = self.point.with_effect(changed), type(changed)
         forces = cls.attach is not Effect.attach
@@ -129,17 +130,15 @@ class Sensitivities:
         return Sensitivity(reading=reading)
 
     def unknown(self, unknown: Unknown) -> Sensitivity:
-        """Return the change by a parameter of an effect the point has, by a central difference."""
-        value = self.point.value(unknown)
+        """Return the change by a parameter of an effect the point has, by a difference."""
+        value, owner = self.point.value(unknown), unknown.name.partition(".")[0]
         step = DIFFERENCE * unknown.scale
-        low = max(value - step, unknown.lower)
-        high = min(value + step, unknown.upper)
-        owner = unknown.name.partition(".")[0]
-        less, more = (
-            self.point.moved([unknown], np.array([x - value])).description.get_effect(owner)
-            for x in (low, high)
+        step = step if value + step <= unknown.upper else -step
+        mine, more = (
+            p.description.get_effect(owner)
+            for p in (self.point, self.point.moved([unknown], np.array([step])))
         )
-        return self.effect(less, more, high - low)
+        return self.effect(mine, more, step)
 
     def force(self, middle: np.ndarray, at: np.ndarray) -> Sensitivity:
         """Return the change by a generalised force along the run.
@@ -175,7 +174,8 @@ class Sensitivities:
         """Return what a model's motion takes along the run (N, nv) by compiled code, where that knows it."""
         if model is self.model and where in self._own:
             return self._own[where]
-        kernel = ProcessModel(model, np.zeros(0, dtype=int)).kernel() if compiled_pays() else None
+        held = np.zeros(0, dtype=int)
+        kernel = ProcessModel(model, held).kernel(balanced=False) if compiled_pays() else None
         found = None
         if kernel is not None:
             s, found = self._states(where), np.empty((len(self._states(where).time), model.nv))
