@@ -80,8 +80,8 @@ def equations_of(found: Fit) -> list[Equation]:
         names = [f"{what} on the bus along {axis}" for what in ("force", "torque") for axis in "xyz"]
         out += [Equation(name, "", (), (k,), True) for k, name in enumerate(names)]
     for tank in model.slosh:
-        places = (tuple(range(x.start, x.stop)) for x in (tank.q, tank.v))
-        out.append(Equation(f"slosh {tank.name}", tank.name, *places))
+        q, v = (tuple(range(x.start, x.stop)) for x in (tank.q, tank.v))
+        out.append(Equation(f"slosh {tank.name}", tank.name, q, v))
     return out + [
         Equation(f"mode {name}", name, (int(kq),), (int(kv),))
         for group in (model.modes, model.further_modes)
@@ -106,8 +106,8 @@ def adequacy(found: Fit) -> list[SpecificationTest]:
     the bus against time; slosh and modes against their amplitude; every channel against time, its own value
     and rate; and the correlation in time of every channel's innovations.
     """
-    named = [(e.name, e.location, *own) for e in equations_of(found) for own in _dependences(found, e)]
-    named += [(channel, channel, *own) for channel, *own in _channels(found)]
+    named = [(e.name, e.location, on, own) for e in equations_of(found) for on, own in _dependences(found, e)]
+    named += [(channel, channel, on, own) for channel, on, own in _channels(found)]
     changes = [c for *_, own in named for c in own]
     whitened = propagate(found.run, changes).reshape(-1, len(changes))
     blocks, start = [], 0

@@ -80,7 +80,7 @@ class ProcessModel:
         own = self.model
         if not available() or self._slow or self._growing or own.followers is not None:
             return None
-        terms = [x.term if isinstance(x, AttachedForce) else x for x in self._forces]
+        terms: list[object] = [x.term if isinstance(x, AttachedForce) else x for x in self._forces]
         terms += () if own.inertial is None else own.inertial.terms
         return arrays_of(own, self.pin, terms, balanced=balanced)
 
