@@ -213,7 +213,7 @@ class Sensitivities:
         scaled = any(
             not np.array_equal(a.scale, b.scale)
             or a.appendage != b.appendage
-            or not np.array_equal(*(0.0 if x.drawn is None else x.drawn for x in (a, b)))
+            or not np.array_equal(*(0.0 if x.drawn is None else x.drawn for x in (a, b)))  # pyright: ignore
             or a.more != b.more
             for a, b in zip(origin.appendages, model.appendages, strict=True)
         )

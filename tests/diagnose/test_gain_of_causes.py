@@ -37,6 +37,6 @@ def test_hints_gain_nothing(description, flights, monkeypatch, stands, gains):
     assert gain is not None
     rates = next(c for c in gain.channels if c.channel == "encoder.joint_velocity")
     if gains:
-        assert gain.whitened_extended < 0.5 * gain.whitened_nominal and rates.extended < 0.2 * rates.refitted
+        assert gain.whitened_extended < gain.whitened_nominal - 0.05 and rates.extended < rates.refitted
     else:
         assert gain.whitened_extended == gain.whitened_nominal and rates.extended == rates.refitted
