@@ -77,12 +77,9 @@ def main() -> None:
     parser.add_argument("--case", nargs="+", default=list(RATES), choices=list(RATES))
     arguments = parser.parse_args()
     console, data, sources = Console(), Data(), digest()
-    path = RESULTS / f"{NAME}.json"
-    before = json.loads(path.read_text()) if path.is_file() else {"cases": {}}
-    kept = {n: row for n, row in before["cases"].items() if row.get("sources") == sources}
-    kept = kept if before.get("seed") == arguments.seed else {}
     for name in arguments.case:
-        if name in kept and kept[name]["rate"] == (arguments.rate or RATES[name]):
+        there = kept(sources, arguments.seed).get(name)
+        if there is not None and there["rate"] == (arguments.rate or RATES[name]):
             continue
         description, recording = data.description, data["exp2" if name in WORLDS else name]
         if name in WORLDS:
@@ -100,10 +97,18 @@ def main() -> None:
         }
         if name == "exp1_xyz":
             row["panel_residual"] = panel_residuals(found, data, rate, arguments.seed)
-        kept[name] = row
         console.print(name, row)
         versions = environment("smsid", "pin", "numpy", "scipy")
-        write_result(NAME, {"environment": versions, "seed": arguments.seed, "cases": kept})
+        cases = kept(sources, arguments.seed) | {name: row}  # another process may have added some
+        write_result(NAME, {"environment": versions, "seed": arguments.seed, "cases": cases})
+
+
+def kept(sources: str, seed: int) -> dict[str, Any]:
+    """Return the rows that are there of the same sources and seed, by case."""
+    path = RESULTS / f"{NAME}.json"
+    before = json.loads(path.read_text()) if path.is_file() else {}
+    rows = before.get("cases", {}) if before.get("seed") == seed else {}
+    return {name: row for name, row in rows.items() if row.get("sources") == sources}
 
 
 def judged(name: str, found: Diagnosed) -> dict[str, Any]:
