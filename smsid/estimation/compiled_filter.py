@@ -40,7 +40,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Tables:
-    """Tables of bodies (k, n, 28) and roots (k, 16) whose inverse dynamics are derivatives by parameters, as
+    """Tables of bodies (k, n, 28) and roots (k, 17 + ...) whose inverse dynamics are derivatives by parameters, as
     `smsid.kernel.filter.Parameters` has them, and the same of sensors (k,).
     """
 
