@@ -21,7 +21,7 @@ from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.sensitivities import Sensitivity
 
-TOGETHER = 200  # columns that are taken back at once
+ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
 
 
 def events(run: FilterRun) -> np.ndarray:
@@ -48,7 +48,7 @@ def onset_ratios(
     first = 0
     while first < len(groups):
         widths = np.cumsum([len(g) for g in groups[first:]])
-        last = first + max(1, int(np.searchsorted(widths, TOGETHER, side="right")))
+        last = first + max(1, int(np.searchsorted(widths, ROOM / (n * rows), side="right")))
         some = groups[first:last]
         direct, pushed = _inputs(run, [c for g in some for c in g])
         squares = _squares(run, direct, pushed, [len(g) for g in some])

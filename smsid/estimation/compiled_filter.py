@@ -40,8 +40,8 @@ class Change:
 
 @dataclass(frozen=True)
 class Tables:
-    """Tables of bodies (k, n, 28) and roots (k, 17 + ...) whose inverse dynamics are derivatives by parameters, as
-    `smsid.kernel.filter.Parameters` has them, and the same of sensors (k,).
+    """Tables of bodies (k, n, 28) and roots (k, 17 + ...) whose inverse dynamics are derivatives by
+    parameters, as `smsid.kernel.filter.Parameters` has them, and the same of sensors (k,).
     """
 
     bodies: tuple[np.ndarray, ...] = ()
