@@ -40,7 +40,9 @@ def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out)
     start = 6 if root[FREE] > 0.0 else 0
     for i in range(n - 1, -1, -1):
         body, k = bodies[i], start + i
-        total = body[ARMATURE] * a[k] + body[STIFFNESS] * angles[i] + body[DAMPING] * v[k] + work[11][i, 6]
+        total = body[ARMATURE] * a[k] + body[STIFFNESS] * angles[i] + body[DAMPING] * v[k]
+        if root[BEAMS] > 0.0:  # else it is of another table
+            total += work[11][i, 6]
         above = tree[i, PARENT] if tree[i, PARENT] >= 0 else n
         for c in range(6):
             total += axes[i, c] * forces[i, c]
