@@ -34,8 +34,8 @@ NAME = "hidden_effects"
 STORE = RESULTS / f"{NAME}.jsonl"
 STRENGTHS = (1.0, 3.0, 10.0, 100.0)
 DECIDING = (
-    "description", "diagnose", "effects", "estimation", "identify", "likelihood", "model", "recording",
-    "sensing", "simulate",
+    "description", "diagnose", "effects", "estimation", "identify", "kernel", "likelihood", "model",
+    "recording", "sensing", "simulate",
 )  # fmt: skip
 """Packages that decide a verdict: those that ``smsid.diagnose`` imports."""
 

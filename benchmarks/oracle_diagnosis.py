@@ -5,8 +5,9 @@
 
 The recordings (MuJoCo, a panel of 16 segments, noise-free) get the noise of the description's sensors. The
 model's panel is linear: what it cannot follow is counted in the noise levels, so that sigmas hold it. Truth
-is read by this benchmark alone. Twelve more cases hide an effect in ``exp2`` (`_chain_worlds`). Cases are
-kept in ``build/oracle_diagnosis.json``, so that it can be stopped.
+is read by this benchmark alone. Twelve more cases hide an effect in ``exp2`` (`_chain_worlds`). Every case is
+written to ``results/oracle_diagnosis.json`` as it ends, with the digest of the sources that decide it; one
+that is there, of the same sources, is not run again, so that it can be stopped, and rows of other sources go.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from typing import Any
 import numpy as np
 from _accuracy_cases import Data, noisy
 from _chain_worlds import WORLDS
-from _common import ROOT, environment, write_result
+from _common import RESULTS, environment, write_result
+from hidden_effects import digest
 from rich.console import Console
 from scipy.signal import butter, sosfiltfilt
 
@@ -40,7 +42,6 @@ from smsid.identify.paper.pipeline import identify
 from smsid.likelihood import refine
 
 NAME = "oracle_diagnosis"
-KEPT = ROOT / "build" / f"{NAME}.json"
 PANEL = "panel.acceleration"
 LOW_PASS = 0.15  # [Hz]
 SETTLE = 5.0  # [s] corrected before the simulation runs alone
@@ -75,9 +76,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--case", nargs="+", default=list(RATES), choices=list(RATES))
     arguments = parser.parse_args()
-    console, data = Console(), Data()
-    kept: dict[str, Any] = json.loads(KEPT.read_text()) if KEPT.is_file() else {}
+    console, data, sources = Console(), Data(), digest()
     for name in arguments.case:
+        there = kept(sources, arguments.seed).get(name)
+        if there is not None and there["rate"] == (arguments.rate or RATES[name]):
+            continue
         description, recording = data.description, data["exp2" if name in WORLDS else name]
         if name in WORLDS:
             description, recording = WORLDS[name].hidden(description, recording)
@@ -88,23 +91,24 @@ def main() -> None:
         row = judged(name, found) | {
             "rate": rate,
             "date": str(date.today()),
+            "sources": sources,
             "panel_identified_on": IDENTIFIED.get(name, "the recording itself"),
             "seconds_of_cpu": round(time.process_time() - began, 1),
         }
         if name == "exp1_xyz":
             row["panel_residual"] = panel_residuals(found, data, rate, arguments.seed)
-        kept[name] = row
-        KEPT.parent.mkdir(exist_ok=True)
-        KEPT.write_text(json.dumps(kept, indent=1))
         console.print(name, row)
-    write_result(
-        NAME,
-        {
-            "environment": environment("smsid", "pin", "numpy", "scipy"),
-            "seed": arguments.seed,
-            "cases": kept,
-        },
-    )
+        versions = environment("smsid", "pin", "numpy", "scipy")
+        cases = kept(sources, arguments.seed) | {name: row}  # another process may have added some
+        write_result(NAME, {"environment": versions, "seed": arguments.seed, "cases": cases})
+
+
+def kept(sources: str, seed: int) -> dict[str, Any]:
+    """Return the rows that are there of the same sources and seed, by case."""
+    path = RESULTS / f"{NAME}.json"
+    before = json.loads(path.read_text()) if path.is_file() else {}
+    rows = before.get("cases", {}) if before.get("seed") == seed else {}
+    return {name: row for name, row in rows.items() if row.get("sources") == sources}
 
 
 def judged(name: str, found: Diagnosed) -> dict[str, Any]:

@@ -248,7 +248,10 @@ class Description(Told, Table):
     def with_effects(self, *effects: Effect) -> Description:
         """Return a copy in which each effect replaces the one of its name, or is added."""
         known = {e.name: e for e in self.effect}
+        alike = all(type(known.get(e.name)) is type(e) for e in effects)
         known.update({e.name: e for e in effects})
+        if alike:  # other values of effects that are there: all names stay what they are
+            return self.model_copy(update={"effect": tuple(known.values())})
         return self._with("effect", tuple(known.values()))
 
     def with_sensors(self, *sensors: Sensor) -> Description:

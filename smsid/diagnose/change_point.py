@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 
 from smsid.diagnose.change_point_scores import Starts, cut_sensitivity
+from smsid.diagnose.onset_scan import onset_ratios
 from smsid.diagnose.score_test import Candidate, Score, changes_of, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Starting
@@ -25,8 +26,6 @@ DENSE = 160  # times where the first show something: where a torque changes sign
 STRONG = THRESHOLDS.beginning_strong
 SHOWN = THRESHOLDS.beginnings_sought
 POOR = THRESHOLDS.beginning_poor
-COARSE = 5  # times at which all candidates are tried
-ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
 MOVED = THRESHOLDS.beginning_moved
 MOVES = 4  # times it moves at most
 
@@ -63,59 +62,94 @@ def best_start(
     return best, found[best], len(found)
 
 
-def with_onset(current: Fit, s: Score, alias: float) -> Score:
+@dataclass(frozen=True)
+class Onsets:
+    """A candidate that begins, perhaps as an effect of its own, with its changes, and the likelihood ratios
+    (2 N - 1,) of beginnings at the `events` of a run.
+    """
+
+    candidate: Candidate
+    changes: Sequence[Sensitivity]
+    ratios: np.ndarray
+
+
+def scan_onsets(current: Fit, scores: Sequence[Score]) -> dict[tuple[str, str, str], Onsets]:
+    """Return the beginnings of all candidates whose changes can be cut off before, by their keys.
+
+    What such a candidate does from a time on is what it does all the time, cut off before. Where an effect of
+    its name is there already, it begins as one of its own.
+    """
+    names = {e.name for e in current.point.description.effect}
+    found: list[tuple[tuple[str, str, str], Candidate, Sequence[Sensitivity]]] = []
+    for c in (s.candidate for s in scores if _may_begin(s.candidate) and _may_be_cut(s.candidate)):
+        begins = (replace(c, recording="") if c.recording else c).apart(names)
+        try:
+            found.append((c.key, begins, changes_of(current, begins)))
+        except SmsidError as error:
+            LOGGER.info("%s does not begin beside its own effect: %s", c.key, error)
+    found = [x for x in found if x[2]]
+    ratios = onset_ratios(current, [own for *_, own in found], [c.one_sided for _, c, _ in found])
+    return {key: Onsets(c, own, r) for (key, c, own), r in zip(found, ratios, strict=True)}
+
+
+def with_onset(
+    current: Fit, s: Score, alias: float, onsets: Mapping[tuple[str, str, str], Onsets] | None = None
+) -> Score:
     """Return the score with the time its effect begins, where beginning midway explains clearly more.
 
-    What the grid of times costs is paid in the criterion. Of a strong one the score without a beginning is
-    kept as `Score.another`: linear about the motion without the effect, a thousandth of a large ratio may
-    make up a beginning. Where an effect of its name is there already, it begins as one of its own, which may
-    be one that cannot be: `Score.another` is kept then, too.
+    What the times that were tried cost is paid in the criterion. Of a strong one the score without a
+    beginning is kept as `Score.another`: linear about the motion without the effect, a thousandth of a large
+    ratio may make up a beginning. Where an effect of its name is there already, it begins as one of its own,
+    which may be one that cannot be: `Score.another` is kept then, too. ``onsets``: those of `scan_onsets`, if
+    they are known.
     """
     if not _may_begin(s.candidate):
         return s
-    everywhere = replace(s.candidate, recording="") if s.candidate.recording else s.candidate
-    begins = everywhere.apart({e.name for e in current.point.description.effect})
-    try:
-        own = changes_of(current, begins) if _may_be_cut(begins) else None
-    except SmsidError as error:
-        LOGGER.info("%s does not begin beside its own effect: %s", s.candidate.key, error)
-        return s
     known: dict[float, Score] = {}
-
-    def ratios(starts: list[float]) -> Iterator[float]:
-        tried = [_from(begins, t) for t in starts]
+    if _may_be_cut(s.candidate):
+        own = (scan_onsets(current, [s]) if onsets is None else onsets).get(s.candidate.key)
         if own is None:
+            return s
+        begins, times = own.candidate, current.run.states.time
+        best = len(own.ratios) - 1 - int(np.argmax(own.ratios[:0:-1]))  # of several alike the last
+        k, within = divmod(best, 2)  # between samples acts what begins with the first step there
+        start = step_from(current, float(times[k] + (0.1 * (times[k + 1] - times[k]) if within else 0.0)))
+        tried = len(times)
+        score = cut_score(current, _from(begins, start), own.changes, start)
+        known[start], ratio = score, score.ratio
+    else:
+        everywhere = replace(s.candidate, recording="") if s.candidate.recording else s.candidate
+        begins = everywhere.apart({e.name for e in current.point.description.effect})
+
+        def ratios(starts: list[float]) -> Iterator[float]:
+            tried = [_from(begins, t) for t in starts]
             columns = signatures(current, tried)
             scores = scored(current, [tried[i] for i in columns], list(columns.values()))
-        else:
-            scores = _cut_scores(current, [(c, own, t) for c, t in zip(tried, starts, strict=True)])
-        known.update((_start(x.candidate), x) for x in scores)
-        return (known[t].ratio if t in known else -np.inf for t in starts)
+            known.update((_start(x.candidate), x) for x in scores)
+            return (known[t].ratio if t in known else -np.inf for t in starts)
 
-    start, ratio, tried = best_start(current, ratios, [largest_innovation_time(current.run)], own is not None)
+        about = [largest_innovation_time(current.run)]
+        start, ratio, tried = best_start(current, ratios, about, cheap=False)
     if not ratio - s.ratio > price(alias, tried + 1):
         return s
-    best = replace(known[start], candidate=replace(known[start].candidate, grid=tried + 1))
-    return best if ratio < STRONG and begins is s.candidate else replace(best, another=s)
+    found = replace(known[start], candidate=replace(known[start].candidate, grid=tried + 1))
+    return found if ratio < STRONG and begins is s.candidate else replace(found, another=s)
 
 
-def best_onsets(current: Fit, scores: Sequence[Score], count: int) -> list[Score]:
+def best_onsets(
+    current: Fit,
+    scores: Sequence[Score],
+    count: int,
+    onsets: Mapping[tuple[str, str, str], Onsets] | None = None,
+) -> list[Score]:
     """Return the scores of the ``count`` candidates that explain most when they begin midway, one a place.
 
-    Of several shapes of one effect at one place it is that with the largest criterion.
-
-    Looked at are a coarse grid and the loudest sample, at which a sensor that jumps does so: what a candidate
-    does from a time on is what it does all the time, cut off before.
+    Of several shapes of one effect at one place it is that with the largest criterion. ``onsets``: those of
+    `scan_onsets`, if they are known.
     """
-    tried = [s for s in scores if s.freedom and _may_begin(s.candidate) and _may_be_cut(s.candidate)]
-    times = current.run.states.time
-    marks = [
-        *np.linspace(times[0], times[-1], COARSE + 2)[1:-1].tolist(),
-        largest_innovation_time(current.run),
-    ]
-    every = [(s.candidate, changes_of(current, s.candidate), t) for s in tried for t in marks]
-    ratios = np.array([x.ratio for x in _cut_scores(current, every)])
-    best = ratios.reshape(len(tried), len(marks)).max(axis=1, initial=0.0)
+    onsets = scan_onsets(current, scores) if onsets is None else onsets
+    tried = [s for s in scores if s.freedom and s.candidate.key in onsets]
+    best = np.array([onsets[s.candidate.key].ratios[1:].max(initial=0.0) for s in tried])
     price = float(np.log(current.run.samples))
     places: dict[tuple[str, str], int] = {}
     for i in sorted(range(len(tried)), key=lambda i: tried[i].freedom * price - best[i]):
@@ -274,18 +308,8 @@ def _start(candidate: Candidate) -> float:
     return float(getattr(candidate.effect, "start", np.nan))
 
 
-def _cut_scores(
-    current: Fit, tried: Sequence[tuple[Candidate, Sequence[Sensitivity], float]]
-) -> Iterator[Score]:
-    """Give the scores of candidates whose changes begin at times, as many at once as there is room for."""
-    run, first = current.run, 0
-    room = max(1, int(ROOM / run.innovations.size))
-    widths = np.cumsum([0, *(len(own) for _, own, _ in tried)])
-    while first < len(tried):
-        last = max(first + 1, int(np.searchsorted(widths, widths[first] + room, side="right")) - 1)
-        some = tried[first:last]
-        changes = [cut_sensitivity(c, run, start) for _, own, start in some for c in own]
-        whole = propagate(run, changes).reshape(-1, len(changes))
-        parts = np.split(whole, (widths[first + 1 : last] - widths[first]).tolist(), axis=1)
-        yield from scored(current, [c for c, _, _ in some], parts)
-        first = last
+def cut_score(current: Fit, candidate: Candidate, changes: Sequence[Sensitivity], start: float) -> Score:
+    """Return the score of a candidate whose changes begin at a time."""
+    run = current.run
+    columns = propagate(run, [cut_sensitivity(c, run, start) for c in changes])
+    return scored(current, [candidate], [columns.reshape(-1, len(changes))])[0]

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
-from smsid.diagnose.extended_description import as_now, with_inertial_shifts
+from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.noise_covariance import FOLLOWED
@@ -69,13 +69,14 @@ class Diagnosed:
     """A diagnosis with what it was made from; ``extended`` is the description with the causes in it.
 
     ``search`` is ``None`` when the recording was not evaluated, or by measured torques: then ``torques`` is
-    what was searched.
+    what was searched. ``point`` is where the fit stands with the causes that are named, hints left out.
     """
 
     diagnosis: Diagnosis
     extended: Description
     search: Search | None = None
     torques: TorqueSearch | None = None
+    point: Point | None = None
 
 
 def diagnose(
@@ -214,10 +215,12 @@ def _diagnose(
         partial = tuple(c for c, yes in zip(every, stand, strict=True) if not yes)
         hints = [c.score.candidate for c, yes in zip(found.causes, stand, strict=True) if not yes]
         _, sentence = verdict(found, (*seen, *every), (*seen, *named), partial)
-    extended, told = description, ()
+    extended, told, reached = description, (), found.nominal.point
+    if decided != "unexplained" or named:
+        reached = extended_point(by, hints)
     if decided == "explained" or named:
-        extended, told = with_inertial_shifts(by, hints)
-    gained, reason = _gain(known.point, found, validation, rate, faults)
+        extended, told = with_inertial_shifts(reached, by.last)
+    gained, reason = _gain(known.point, found, reached, validation, rate, faults)
     foreign = _foreign(found)
     if foreign:
         raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=", ".join(labels))
@@ -262,7 +265,7 @@ def _diagnose(
         timing=found.seconds,
         notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *found.failed, *told, *gone) if n),
     )
-    return Diagnosed(result, extended, found)
+    return Diagnosed(result, extended, found, point=reached)
 
 
 def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> Problem:
@@ -289,14 +292,18 @@ def _timings(problem: Problem) -> list[tuple[str, Timing]]:
 
 
 def _gain(
-    given: Point, found: Search, recordings: Sequence[Recording], rate: float, faults: Sequence[Fault]
+    given: Point,
+    found: Search,
+    extended: Point,
+    recordings: Sequence[Recording],
+    rate: float,
+    faults: Sequence[Fault],
 ) -> tuple[Gain | None, str]:
     if not recordings:
         return None, "no validation recording was given"
-    last = found.last
     try:
         nominal, held = found.nominal.point, order_columns(recordings[0], given.base)
-        return gain(given, nominal, as_now(last), held, last.problem, rate, faults), ""
+        return gain(given, nominal, extended, held, found.last.problem, rate, faults), ""
     except SmsidError as error:
         return None, f"not on '{recordings[0].name}': {error.message}"
     except np.linalg.LinAlgError as error:

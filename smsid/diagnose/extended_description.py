@@ -34,21 +34,23 @@ class Bodies:
     sizes: np.ndarray
 
 
-def with_inertial_shifts(
-    found: Search, hints: Sequence[Candidate] = ()
-) -> tuple[Description, tuple[str, ...]]:
-    """Return the last fit's description, shifts of inertial parameters as ``body_error`` effects; and notes.
-
-    The effects of ``hints``, which are no causes, are left out.
-    Where a shifted body could not exist - the recording determines combinations of bodies only - the bodies
-    are the nearest that can, in the sense of the fit's own uncertainty: they simulate as the fit does.
-    Of several recordings, it has the effects of the last.
+def extended_point(found: Search, hints: Sequence[Candidate] = ()) -> Point:
+    """Return where the last fit stands, of several recordings in the last of them, without the effects of
+    ``hints``, which are no causes.
     """
     point = as_now(found.last)
     described = {e.name for e in found.nominal.point.description.effect}
     out = {c.effect.name for c in hints if c.effect is not None} - described
     kept = tuple(e for e in point.description.effect if e.name not in out)
-    point = replace(point, description=point.description.model_copy(update={"effect": kept}))
+    return replace(point, description=point.description.model_copy(update={"effect": kept}))
+
+
+def with_inertial_shifts(point: Point, last: Fit) -> tuple[Description, tuple[str, ...]]:
+    """Return the description of a point, shifts of inertial parameters as ``body_error`` effects; and notes.
+
+    Where a shifted body could not exist - the recording determines combinations of bodies only - the bodies
+    are the nearest that can, in the sense of the uncertainty of ``last``, the fit: they simulate as it does.
+    """
     if not point.inertial:
         return point.description, ()
     try:
@@ -56,7 +58,7 @@ def with_inertial_shifts(
     except DescriptionError as error:
         LOGGER.info("refitted bodies cannot exist: %s", error)
     try:
-        near = _that_can_exist(found.last)
+        near = _that_can_exist(last)
         return _extended(point, near), (
             "refitted bodies that could not exist singly are the nearest that can, by the fit's uncertainty",
         )

@@ -16,6 +16,7 @@ from smsid.diagnose.change_point import (
     best_onsets,
     is_poor_fit,
     refine_onset,
+    scan_onsets,
     sync_onset,
     with_onset,
 )
@@ -193,12 +194,15 @@ class State:
             return []
         few = self.levels.contenders
         leading = [best, *(s for s in self.scores if s is not best)][:few]
-        if best.ratio > min(CLEAR, self.levels.linear):  # enough for what is there in part to pass as another
+        clear = best.ratio > min(
+            CLEAR, self.levels.linear
+        )  # enough for what is there in part to pass as another
+        onsets = scan_onsets(self.current, self.scores if clear else leading)
+        if clear:
             known = {s.candidate.key for s in leading}
-            leading += [
-                s for s in best_onsets(self.current, self.scores, few) if s.candidate.key not in known
-            ]
-        return [best, *(with_onset(self.current, s, self.levels.onset) for s in leading)]
+            begun = best_onsets(self.current, self.scores, few, onsets)
+            leading += [s for s in begun if s.candidate.key not in known]
+        return [best, *(with_onset(self.current, s, self.levels.onset, onsets) for s in leading)]
 
     def _memory(self, best: Score) -> tuple[SpecificationTest, ...]:
         """Return the tests for memory at the joints of causes that gain more than the next candidate does."""

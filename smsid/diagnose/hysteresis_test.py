@@ -50,7 +50,7 @@ def memory(found: Fit, locations: Iterable[str]) -> list[SpecificationTest]:
     ratios = np.where(seen, (left.T @ found.residual) ** 2 / np.where(seen, own, 1.0), 0.0)
     best = ratios.reshape(len(tests), len(WIDTHS)).max(axis=1)
     return [
-        SpecificationTest(f"torque of {n}", WAY, float(r), 1, len(WIDTHS))
+        SpecificationTest(f"torque of {n}", WAY, float(r), 1, len(WIDTHS), n)
         for (n, *_), r in zip(tests, best, strict=True)
     ]
 

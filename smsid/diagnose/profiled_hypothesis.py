@@ -124,10 +124,21 @@ def best_shape(
     raw = np.einsum("ij,ij->j", beside.columns, beside.columns)
     samples = found.run.samples
     best, most = None, -np.inf
-    for shape in shapes:
+
+    def equations(shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         index = np.array(shape.columns)
-        part = np.ix_(index, index)
-        coefficients, ratio, values = candidate.estimated(shape, gram[part], slope[index], raw[index])
+        return gram[np.ix_(index, index)], slope[index], raw[index]
+
+    def bound(shape: Shape) -> float:
+        """Return the odds of a shape whose coefficients may be anything: none that it can have has more."""
+        _, _, ratio, values = least_squares(*equations(shape))
+        return odds(ratio, int((values > EXCITED).sum()), samples)
+
+    for limit, shape in sorted(((bound(s), s) for s in shapes), key=lambda x: -x[0]):
+        if limit <= most:
+            break
+        index = np.array(shape.columns)
+        coefficients, ratio, values = candidate.estimated(shape, *equations(shape))
         freedom = int((values > EXCITED).sum())
         own, by, estimate, allowed = candidate.resolved(shape, coefficients)
         gain = odds(ratio if allowed else 0.0, freedom, samples)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
 from smsid.diagnose.score_test import EXCITED
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
@@ -17,6 +19,8 @@ TIME_TERMS = 6
 RIPPLE = range(3, 13)
 LAGS = 8
 PAST = "its own past"
+BANDS = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # of the highest frequency
+LEFT = THRESHOLDS.own_channel
 SIGN = 1e-3  # [rad/s] rate at which the sign of a rate turns over
 
 
@@ -24,7 +28,8 @@ SIGN = 1e-3  # [rad/s] rate at which the sign of a rate turns over
 class SpecificationTest:
     """One test: an equation or channel against what it may depend on, by ``freedom`` columns.
 
-    ``grid`` counts the variants of which the best is taken.
+    ``grid`` counts the variants of which the best is taken. ``location`` is that of the equation or channel
+    as candidates have it, empty: the bus, on which anything may act.
     """
 
     where: str
@@ -32,6 +37,7 @@ class SpecificationTest:
     ratio: float
     freedom: int
     grid: int = 1
+    location: str = ""
 
     @property
     def p_value(self) -> float:
@@ -46,6 +52,41 @@ class SpecificationTest:
     def order(self) -> tuple[bool, float]:
         """What tests are sorted by: equations before mere correlation in time, the most significant first."""
         return self.dependence == PAST, _log_chance(self.ratio, self.freedom)
+
+
+@dataclass(frozen=True)
+class Equation:
+    """An equation of motion: name in the tests, location as in `SpecificationTest`, places in q and v, and
+    whether commands act in it.
+    """
+
+    name: str
+    location: str
+    q: tuple[int, ...]
+    v: tuple[int, ...]
+    driven: bool = False
+
+
+def equations_of(found: Fit) -> list[Equation]:
+    """Return the equations of motion: of joints, wheels and bus, of slosh masses and of modes."""
+    model = found.changes.model
+    out = [
+        Equation(f"torque of {name}", name, (int(kq),), (int(kv),), True)
+        for group in (model.arm_joints, model.wheels)
+        for name, kq, kv in zip(group.names, group.q, group.v, strict=True)
+        if kv not in found.problem.locked
+    ]
+    if model.free:
+        names = [f"{what} on the bus along {axis}" for what in ("force", "torque") for axis in "xyz"]
+        out += [Equation(name, "", (), (k,), True) for k, name in enumerate(names)]
+    for tank in model.slosh:
+        q, v = (tuple(range(x.start, x.stop)) for x in (tank.q, tank.v))
+        out.append(Equation(f"slosh {tank.name}", tank.name, q, v))
+    return out + [
+        Equation(f"mode {name}", name, (int(kq),), (int(kv),))
+        for group in (model.modes, model.further_modes)
+        for name, kq, kv in zip(group.names, group.q, group.v, strict=True)
+    ]
 
 
 def _log_chance(ratio: float, freedom: int) -> float:
@@ -65,17 +106,14 @@ def adequacy(found: Fit) -> list[SpecificationTest]:
     the bus against time; slosh and modes against their amplitude; every channel against time, its own value
     and rate; and the correlation in time of every channel's innovations.
     """
-    named: list[tuple[str, str, list[Sensitivity]]] = []
-    named += _torques(found)
-    named += _bus(found)
-    named += _hidden(found)
-    named += _channels(found)
-    changes = [c for _, _, own in named for c in own]
+    named = [(e.name, e.location, on, own) for e in equations_of(found) for on, own in _dependences(found, e)]
+    named += [(channel, channel, on, own) for channel, on, own in _channels(found)]
+    changes = [c for *_, own in named for c in own]
     whitened = propagate(found.run, changes).reshape(-1, len(changes))
     blocks, start = [], 0
     left = found.left(whitened)
     slope = left.T @ found.residual
-    for where, dependence, part in named:
+    for where, location, dependence, part in named:
         index = slice(start, start + len(part))
         start = index.stop
         own = left[:, index]
@@ -84,7 +122,8 @@ def adequacy(found: Fit) -> list[SpecificationTest]:
         values, vectors = np.linalg.eigh((own.T @ own) / np.outer(size, size))
         keep = values > EXCITED
         scaled = (vectors[:, keep] / np.sqrt(values[keep])).T @ (slope[index] / size)
-        blocks.append(SpecificationTest(where, dependence, float(scaled @ scaled), int(keep.sum())))
+        ratio, freedom = float(scaled @ scaled), int(keep.sum())
+        blocks.append(SpecificationTest(where, dependence, ratio, freedom, location=location))
     blocks += whiteness(found)
     return sorted(blocks, key=lambda b: b.order)
 
@@ -105,8 +144,35 @@ def whiteness(found: Fit) -> list[SpecificationTest]:
             continue
         r = np.array([float(x[k:] @ x[:-k]) / c0 for k in range(1, LAGS + 1)])
         ratio = n * (n + 2.0) * float((r**2 / (n - np.arange(1, LAGS + 1))).sum())
-        out.append(SpecificationTest(name, PAST, ratio, LAGS))
+        out.append(SpecificationTest(name, PAST, ratio, LAGS, location=name))
     return out
+
+
+def band_tests(found: Fit, factors: np.ndarray) -> list[SpecificationTest]:
+    """Return in which bands of frequency a channel's prediction errors exceed its noise as stated, by three.
+
+    ``factors`` (rows,) are the levels of the fit's noise over the stated one. Each ratio is the power in the
+    band, by the periodogram of Bartlett, that is one a degree of freedom where nothing is left.
+    """
+    run, data = found.run, found.problem.data
+    n = len(run.used)
+    power = np.abs(np.fft.rfft(np.where(run.used, run.normalised * factors, 0.0), axis=0)) ** 2 / n
+    share = np.arange(len(power)) / (0.5 * n)  # of the highest frequency
+    degrees = np.where((share == 0.0) | (share == 1.0), 1, 2)
+    highest = 0.5 / float(np.median(np.diff(data.times)))
+    out = []
+    for block in data.blocks:
+        there = max(float(run.used[:, block.rows].mean()), 1e-300)
+        own = power[:, block.rows].sum(axis=1) * degrees / there
+        for low, high in pairwise(BANDS):
+            inside = (share <= high) & ((share > low) | (low == 0.0))
+            freedom = int(degrees[inside].sum()) * (block.rows.stop - block.rows.start)
+            ratio = float(own[inside].sum())
+            if ratio > LEFT**2 * freedom > 0.0:
+                times = f"{np.sqrt(ratio / freedom):.3g} times the noise"
+                band = f"frequency, {low * highest:.2g} to {high * highest:.2g} Hz ({times})"
+                out.append(SpecificationTest(block.channel, band, ratio, freedom, location=block.channel))
+    return sorted(out, key=lambda b: -b.ratio / b.freedom)
 
 
 def _times(times: np.ndarray, terms: int = TIME_TERMS) -> list[np.ndarray]:
@@ -128,66 +194,40 @@ def force_on(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray
     return changes
 
 
-def _torques(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
-    model, out = found.changes.model, []
-    for group in (model.arm_joints, model.wheels):
-        for name, kq, kv in zip(group.names, group.q, group.v, strict=True):
-            if kv in found.problem.locked:
-                continue
+def _dependences(found: Fit, equation: Equation) -> list[tuple[str, list[Sensitivity]]]:
+    """Return what an equation is tested for, with the changes by forces in it."""
+    turns = set(equation.q) & set(found.changes.model.arm_joints.q)
 
-            def terms(s: States, kq: int = int(kq), kv: int = int(kv)) -> dict[str, list[np.ndarray]]:
-                angle, rate, load, acc = s.q[:, kq], s.v[:, kv], s.tau[:, kv], s.a[:, kv]
-                sign = np.tanh(rate / SIGN)
-                found_ = {
-                    "rate": [rate, sign, rate * np.abs(rate)],
-                    "load": [load, np.abs(load) * sign],
-                    "acceleration": [acc],
-                    "time": _times(s.time),
-                }
-                if kq in model.arm_joints.q:
-                    found_["angle"] = [f(k * angle) for k in (1, 2) for f in (np.cos, np.sin)]
-                    found_["ripple over the angle"] = [f(k * angle) for k in RIPPLE for f in (np.cos, np.sin)]
-                return found_
+    def driven(s: States, kq: int, kv: int) -> dict[str, list[np.ndarray]]:
+        angle, rate, load, acc = s.q[:, kq], s.v[:, kv], s.tau[:, kv], s.a[:, kv]
+        sign = np.tanh(rate / SIGN)
+        terms = {
+            "rate": [rate, sign, rate * np.abs(rate)],
+            "load": [load, np.abs(load) * sign],
+            "acceleration": [acc],
+            "time": _times(s.time),
+        }
+        if turns:
+            terms["angle"] = [f(k * angle) for k in (1, 2) for f in (np.cos, np.sin)]
+            terms["ripple over the angle"] = [f(k * angle) for k in RIPPLE for f in (np.cos, np.sin)]
+        return terms
 
-            at, middle = terms(found.run.states), terms(found.run.middle)
-            out += [(f"torque of {name}", key, force_on(found, int(kv), at[key], middle[key])) for key in at]
-    return out
-
-
-def _bus(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
-    if not found.changes.model.free:
-        return []
-    at, middle = _times(found.run.states.time), _times(found.run.middle.time)
-    names = [f"{what} on the bus along {axis}" for what in ("force", "torque") for axis in "xyz"]
-    return [(name, "time", force_on(found, i, at, middle)) for i, name in enumerate(names)]
-
-
-def _hidden(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
-    model, out = found.changes.model, []
-
-    def terms(s: States, kq: int, kv: int) -> list[np.ndarray]:
+    def hidden(s: States, kq: int, kv: int) -> dict[str, list[np.ndarray]]:
         x, v = s.q[:, kq], s.v[:, kv]
         size = max(float(np.abs(x).max()), 1e-12)
-        return [x, v, x * (x / size) ** 2, np.abs(v) * v, x * (s.time - s.time.mean())]
+        swing = [x, v, x * (x / size) ** 2, np.abs(v) * v, x * (s.time - s.time.mean())]
+        return {"amplitude": swing}
 
-    groups = [
-        (
-            f"slosh {tank.name}",
-            list(zip(range(tank.q.start, tank.q.stop), range(tank.v.start, tank.v.stop), strict=True)),
-        )
-        for tank in model.slosh
-    ]
-    groups += [
-        (f"mode {name}", [(int(kq), int(kv))])
-        for g in (model.modes, model.further_modes)
-        for name, kq, kv in zip(g.names, g.q, g.v, strict=True)
-    ]
-    for name, dofs in groups:
-        own: list[Sensitivity] = []
-        for kq, kv in dofs:
-            own += force_on(found, kv, terms(found.run.states, kq, kv), terms(found.run.middle, kq, kv))
-        out.append((name, "amplitude", own))
-    return out
+    def bus(s: States, kq: int, kv: int) -> dict[str, list[np.ndarray]]:
+        return {"time": _times(s.time)}
+
+    terms = hidden if not equation.driven else driven if equation.q else bus
+    out: dict[str, list[Sensitivity]] = {}
+    for kq, kv in zip(equation.q or (-1,), equation.v, strict=True):
+        at, middle = (terms(s, kq, kv) for s in (found.run.states, found.run.middle))
+        for key in at:
+            out.setdefault(key, []).extend(force_on(found, kv, at[key], middle[key]))
+    return list(out.items())
 
 
 def _channels(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:

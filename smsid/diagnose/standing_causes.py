@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +12,10 @@ from scipy.stats import chi2
 from smsid.diagnose.model_comparison import Cause, wald
 from smsid.diagnose.plausibility import LEFT, OF_JOINTS, impossible
 from smsid.diagnose.result import FoundCause
-from smsid.diagnose.specification_tests import adequacy
+from smsid.diagnose.specification_tests import adequacy, equations_of
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.unknown_input_test import LOUD, NEAR, disturbances, inputs_of
+from smsid.diagnose.unknown_input_test import LOUD, NEAR, disturbances
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, fit
 
@@ -74,37 +74,36 @@ def _explained(found: Search, cause: Cause) -> bool:
     return gone >= MOSTLY and float(after.max()) <= LEFT
 
 
-def _needed(found: Search, cause: Cause, rest: Fit, lost: Collection[str]) -> bool:
-    """Whether a cause is needed with the equations and channels ``lost`` unknown, and is at none of them."""
+def _needed(found: Search, cause: Cause, rest: Fit, lost: Mapping[str, str]) -> bool:
+    """Whether a cause is needed with equations and channels unknown, and is at no place of those ``lost``."""
     own = cause.score.candidate
-    if any(_at(own.location, where) for where in lost):
+    if any(_at(own.location, place) for place in lost.values()):
         return False
     chance = 0.5 * cause.score.sides * found.candidates * float(chi2.sf(wald(rest, own), len(own.free)))
     return chance < found.levels.further
 
 
-def _at(place: str, where: str) -> bool:
-    """Whether an equation or channel of a generic test is that of a place, or may be.
-
-    What acts on the bus may be anything.
+def _at(place: str, other: str) -> bool:
+    """Whether one place is the other, a component of its channel or a channel of its sensor, or may be it:
+    what acts on the bus (empty) may be anything.
     """
-    of = where.removeprefix("torque of ").removeprefix("slosh ").removeprefix("mode ")
-    on_bus = of.endswith(tuple(f" on the bus along {axis}" for axis in "xyz"))
-    return on_bus or of == place or of.startswith((f"{place}[", f"{place}.")) or place.startswith(f"{of}[")
+    inner = place.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{place}[", f"{place}."))
+    return not other or place == other or inner
 
 
-def _rest_unknown(found: Search) -> tuple[Fit, set[str]] | None:
-    """Return the last fit made again with what is left taken as unknown, and the names of that; nothing where
-    it cannot be fitted or something is still left.
+def _rest_unknown(found: Search) -> tuple[Fit, dict[str, str]] | None:
+    """Return the last fit made again with what is left taken as unknown, and the places of that by name;
+    nothing where it cannot be fitted or something is still left.
 
     One after the other, the worst first: what it leaves shows in its neighbours, too.
     """
-    lost, here = set[str](), found
+    lost, here = dict[str, str](), found
     for _ in range(PEELED):
         left = [t for t in here.left if t.where not in lost]
         if not left:
             return here.last, lost
-        lost.add(max(left, key=lambda t: t.ratio / max(t.freedom, 1)).where)
+        worst = max(left, key=lambda t: t.ratio / max(t.freedom, 1))
+        lost[worst.where] = worst.location
         try:
             fitted = _without(found.last, lost)
             here = replace(found, last=fitted, blocks=tuple(adequacy(fitted)))
@@ -117,9 +116,9 @@ def _rest_unknown(found: Search) -> tuple[Fit, set[str]] | None:
 
 def _without(last: Fit, lost: Collection[str]) -> Fit:
     """Return a fit with noise on the inputs of equations, and without the readings of channels."""
-    data, run, inputs = last.problem.data, last.run, inputs_of(last)
+    data, run = last.problem.data, last.run
     _, known = disturbances(run)
-    dofs = sorted({dof for name in lost for dof in inputs.get(name, ())})
+    dofs = sorted({dof for e in equations_of(last) if e.name in lost for dof in e.v})
     loud = tuple((d, float(np.sqrt(LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
     out = np.zeros(data.values.shape, dtype=bool)
     for block in data.blocks:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,16 +15,14 @@ from smsid.diagnose.model_comparison import Cause, DetectionThresholds, with_fur
 from smsid.diagnose.noise_covariance import (
     FOLLOWED,
     Fitted,
-    but_for_one,
     first_fit,
     normalised_rmse,
-    refit_noise,
     strays_by_row,
     with_levels,
 )
 from smsid.diagnose.open_loop_check import unexplained_fraction
 from smsid.diagnose.score_test import Candidate, Score
-from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy
+from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy, band_tests
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.unknown_input_test import unknown_input_tests
@@ -47,7 +45,8 @@ class Search:
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
     fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
     prediction errors over the stated noise, before and after, ``strays`` (rows,) those of every component.
-    ``coarse`` are components read in steps.
+    ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
+    in steps.
     ``failed`` says in sentences what could not be done for numerical reasons.
     """
 
@@ -67,6 +66,7 @@ class Search:
     coarse: frozenset[str] = frozenset()
     failed: tuple[str, ...] = ()
     strays: tuple[np.ndarray, np.ndarray] = (np.ones(0), np.ones(0))
+    bands: tuple[SpecificationTest, ...] = ()
 
     @property
     def left(self) -> tuple[SpecificationTest, ...]:
@@ -121,6 +121,7 @@ def search(
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
         levels, coarse, tuple(state.failed),
         (state.strays, strays_by_row(state.current.run, state.fitted.factors)),
+        tuple(band_tests(state.current, state.fitted.factors)),
     )  # fmt: skip
 
 
@@ -134,48 +135,40 @@ def _begun(
     """Return where a search begins: with the nominal parameters fitted, or, where that leads nowhere, with a
     strong cause beside them.
     """
-    first: Fitted | None = None
+    fitted: Fitted | None = None
+    lost: SmsidError | np.linalg.LinAlgError | None = None
+    strays = True
     try:
         first = first_fit(point, problem, unknowns)
-        lost: SmsidError | np.linalg.LinAlgError | None = None
+        strays = normalised_rmse(first.fit.run) > STRAYS
+        fitted = with_levels(first)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
         lost = error
-    strays = first is None or normalised_rmse(first.fit.run) > STRAYS
-    fitted = but_for_one(first) if first is not None and strays else None
-    if fitted is not None:  # one sensor alone: no cause of the motion is as strong as that
-        return State(fitted, candidates, levels)
-    local = _local(first) if first is not None and strays else None
-    if local is not None:
-        return State(local, candidates, levels)
-    if strays:
+    # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
+    local = fitted is not None and strays and (fitted.alone or _is_local(fitted))
+    if strays and not local:
         coarse = coarse_cause(point, problem, unknowns, candidates)
         if coarse is not None:
             fitted = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows)))
             return State(fitted, candidates, levels, known=coarse.cause, nominal=coarse.nominal)
-    if first is None:
+    if fitted is None:
         assert lost is not None
         raise lost
-    fitted = with_levels(first)
-    if fitted.misfit and unexplained_fraction(fitted.fit, fitted.by_channel) > LOST:
+    if fitted.misfit and not local and unexplained_fraction(fitted.fit, fitted.by_channel) > LOST:
         raise RecordingError(
             "The model predicts the motion worse than no motion would, with its parameters fitted.",
-            advice="Is the recording of another spacecraft? Check the signs and the order of the commands.",
+            advice="Is the recording of another spacecraft? Check signs and order of the commands.",
             recording=problem.recording.name,
         )
     return State(fitted, candidates, levels)
 
 
-def _local(first: Fitted) -> Fitted | None:
-    """Return a first fit with the noise levels of its misfit where most components are followed then."""
-    try:
-        fitted = refit_noise(replace(first, misfit=True))
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("misfit is not local: %s", error)
-        return None
+def _is_local(fitted: Fitted) -> bool:
+    """Whether most components are followed with the noise levels of the misfit."""
     left = float(np.median(strays_by_row(fitted.fit.run, fitted.factors)))
     LOGGER.info("with misfit where it is, half of the components are left at %.3g times their noise", left)
-    return fitted if left <= FOLLOWED else None
+    return left <= FOLLOWED
 
 
 def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTest, ...]:

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.specification_tests import SpecificationTest
+from smsid.diagnose.specification_tests import SpecificationTest, equations_of
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import Fit, continued, fit
@@ -33,15 +33,14 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
     ``found`` is the fit of the nominal parameters. The ratio of each is what noise on it gains, with the
     parameters fitted again.
     """
-    driven = ("torque of", "force on", "torque on")
-    inputs = {name: v for name, (v, *_) in inputs_of(found).items() if name.startswith(driven)}
+    inputs = [e for e in equations_of(found) if e.driven]
     rest = continued(found, iterations=4, enough=NEAR).objective
-    index = list(inputs.values())
+    index = [e.v[0] for e in inputs]
     slope, known = disturbances(found.run)
     doubt = (slope[:, index] ** 2).sum(axis=0) / np.maximum(known[:, index].sum(axis=0), 1e-300)
     tests = []
     for i in np.argsort(-doubt)[:DOUBTED]:
-        name, dof = list(inputs.items())[i]
+        name, dof = inputs[i].name, index[i]
         level = float(np.sqrt(LOUD / max(float(known[:, dof].mean()), 1e-300)))
         noise = replace(found.problem.noise, more=((dof, level),))
         problem = replace(found.problem, noise=noise)
@@ -51,21 +50,8 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
             LOGGER.info("noise of %s is not tried: %s", name, error)
             continue
         ratio = max(0.0, 2.0 * (rest - noisy.objective))
-        tests.append(SpecificationTest(name, CHANCE, ratio, 1, len(inputs)))
+        tests.append(SpecificationTest(name, CHANCE, ratio, 1, len(inputs), inputs[i].location))
     return sorted(tests, key=lambda b: b.order)
-
-
-def inputs_of(found: Fit) -> dict[str, tuple[int, ...]]:
-    """Return the velocity coordinates of every equation of motion, by its name in the generic tests."""
-    model = found.changes.model
-    bus = [f"{what} on the bus along {axis}" for what in ("force", "torque") for axis in "xyz"]
-    out = {name: (k,) for k, name in enumerate(bus)} if model.free else {}
-    for what, group in (("torque of", model.arm_joints), ("torque of", model.wheels),
-                        ("mode", model.modes), ("mode", model.further_modes)):  # fmt: skip
-        for name, v in zip(group.names, group.v, strict=True):
-            if int(v) not in found.problem.locked:
-                out[f"{what} {name}"] = (int(v),)
-    return out | {f"slosh {tank.name}": tuple(range(tank.v.start, tank.v.stop)) for tank in model.slosh}
 
 
 def disturbances(run: FilterRun) -> tuple[np.ndarray, np.ndarray]:

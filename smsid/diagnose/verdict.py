@@ -173,10 +173,11 @@ def _own(candidate: Candidate) -> tuple[Unknown, ...]:
 def remaining(found: Search, decided: Verdict) -> tuple[Remaining, ...]:
     """Return the generic tests that are still significant in the description that the diagnosis hands back.
 
-    That is the given one where no cause is named: what explains a part takes the pattern apart.
+    That is the given one where no cause is named: what explains a part takes the pattern apart. Behind them
+    come the bands of frequency in which channels are left above their noise.
     """
     left = found.left_before if decided == "unexplained" else found.left
-    return tested(left, len(found.blocks))
+    return tested((*left, *found.bands), len(found.blocks))
 
 
 def tested(blocks: Sequence[SpecificationTest], tests: int) -> tuple[Remaining, ...]:

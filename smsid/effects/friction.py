@@ -17,6 +17,30 @@ ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""
 
 
+class FrictionTorque:
+    """The `ForceTerm` of some laws of a `JointFriction`, of given sizes, on one degree of freedom."""
+
+    def __init__(
+        self, effect: JointFriction, dof: int, place: int, turns: bool, sizes: Mapping[str, float]
+    ) -> None:
+        self.effect, self.dof, self.place, self.turns = effect, dof, place, turns
+        self.start = -np.inf if effect.start is None else effect.start
+        self.terms = [(size, BY_FIELD[field].column) for field, size in sizes.items()]
+        warmer = effect.temperature - effect.reference_temperature
+        own = {f: sizes.get(f, 0.0) for f in BY_FIELD}
+        for law in ("viscous", "coulomb"):
+            own[law] += warmer * own.pop(f"{law}_temperature")
+        shape = effect.smoothing, effect.stribeck_rate, effect.stribeck_exponent
+        self.numbers = np.array([*own.values(), *shape])
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+        """Add it to tau (nv,); what goes by the load finds that there."""
+        k, place = self.dof, self.place
+        angle = q[place] if self.turns else np.arctan2(q[place + 1], q[place])
+        at = sliding_state(self.effect, v[k], angle=angle, load=tau[k])
+        tau[k] -= sum(size * column(at) for size, column in self.terms)
+
+
 @register
 class JointFriction(JointEffect, Starting):
     """Friction torque on one joint of an arm or wheel, against its rate qd.
@@ -149,21 +173,12 @@ class JointFriction(JointEffect, Starting):
         if self.start is None and "viscous" in sizes:
             assembly.add_springs(assembly.joint_id(self.joint), (0.0,), (sizes.pop("viscous"),))
         by_load = sizes.pop("load", 0.0)
-        terms = [(size, BY_FIELD[f].column) for f, size in sizes.items()]
         angular = "position_cos" in sizes or "position_sin" in sizes
-        load_column = BY_FIELD["load"].column
-
-        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            angle = (q[place] if turns else np.arctan2(q[place + 1], q[place])) if angular else 0.0
-            at = sliding_state(self, v[index], angle=angle)
-            tau[index] -= sum(size * column(at) for size, column in terms)
-
-        def loaded(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            tau[index] -= by_load * load_column(sliding_state(self, v[index], load=tau[index]))
-
-        if terms:
-            assembly.add_force(force, ((index,) if angular else (), (index,)))
+        if sizes:
+            dry = FrictionTorque(self, index, place, turns, sizes)
+            assembly.add_force(dry, ((index,) if angular else (), (index,)))
         if by_load:
+            loaded = FrictionTorque(self, index, place, turns, {"load": by_load})
             assembly.add_load_force(loaded, ((), (index,)))
 
     def urdf_dynamics(self) -> dict[str, tuple[float, float]]:

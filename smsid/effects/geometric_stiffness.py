@@ -78,6 +78,7 @@ class Foreshortening:
         self.a, self.b = factor * a, factor * b
         self.c = factor / np.sqrt(beam.mass) * deflected_moments(beam.length, beam.modes)
         self.c_flat = self.c.reshape(len(self.c), -1)  # a contraction of it takes long in this small
+        self.parent, self.placement = panel.parent, panel.placement
         self.q = np.array([model.joints[j].idx_q for j in panel.joints])
         self.v = np.array([model.joints[j].idx_v for j in panel.joints])
         self.rows = 6 + np.arange(len(panel.joints))

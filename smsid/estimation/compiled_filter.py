@@ -9,7 +9,7 @@ import numpy as np
 
 from smsid.estimation.filter_pass import CLOSE, ROUND, Instance
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.kernel import tree as c
+from smsid.kernel import columns as c
 from smsid.kernel.arrays import Kernel
 from smsid.kernel.filter_arrays import Model, Parameters, TreeTables
 from smsid.kernel.readings import (
@@ -40,8 +40,8 @@ class Change:
 
 @dataclass(frozen=True)
 class Tables:
-    """Tables of bodies (k, n, 28) and roots (k, 16) whose inverse dynamics are derivatives by parameters, as
-    `smsid.kernel.filter.Parameters` has them, and the same of sensors (k,).
+    """Tables of bodies (k, n, 28) and roots (k, 17 + ...) whose inverse dynamics are derivatives by
+    parameters, as `smsid.kernel.filter.Parameters` has them, and the same of sensors (k,).
     """
 
     bodies: tuple[np.ndarray, ...] = ()
@@ -91,7 +91,7 @@ def inertial_tables(
     for column, scale in zip(columns, scales, strict=True):
         joint, element = int(column) // 10 + 1, int(column) % 10
         row, root = np.zeros_like(own.bodies), own.root.copy()
-        root[:10] = 0.0
+        root[[*range(10), c.FRICTIONS, c.BEAMS]] = 0.0
         if joint == 1 and free:
             root[element] = scale
         else:  # of a joint of several degrees of freedom the last carries the body
@@ -110,10 +110,12 @@ def effect_tables(changes: Sequence[Change]) -> Tables | None:
         seen, then = (senses_of(x.outputs) for x in (change.low, change.high))
         if low is None or high is None or seen is None or then is None:
             return None
-        if not np.array_equal(low.tree, high.tree):
+        if not np.array_equal(low.tree, high.tree) or not _alike(low.root, high.root):
             return None
-        if np.array_equal(low.bodies[:, GEOMETRY], high.bodies[:, GEOMETRY]):  # the rest enters linearly
+        bodies_alone = np.array_equal(low.root[c.FREE :], high.root[c.FREE :])
+        if bodies_alone and np.array_equal(low.bodies[:, GEOMETRY], high.bodies[:, GEOMETRY]):  # linear
             root = low.root.copy()
+            root[[c.FRICTIONS, c.BEAMS]] = 0.0
             root[:10] = change.factor * (high.root[:10] - low.root[:10])
             row = change.factor * (high.bodies - low.bodies)
             if row.any() or root[:10].any():
@@ -150,7 +152,7 @@ def with_parameters(
     bodies, roots = [own.bodies], [own.root]
     for table in tables:
         for row, root in zip(table.bodies, table.roots, strict=True):
-            if row.shape != own.bodies.shape:
+            if row.shape != own.bodies.shape or root.shape != own.root.shape:
                 return None
             linear = not row[:, GEOMETRY].any()
             bodies.append(np.hstack([own.bodies[:, GEOMETRY], row[:, c.MASS :]]) if linear else row)
@@ -177,6 +179,17 @@ def with_parameters(
     return Model(
         TreeTables(own.tree, np.array(bodies), np.array(roots)), senses._replace(**stacked), parameters
     )
+
+
+def _alike(low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether two roots have the same tables, and no friction by load that differs: inverse dynamics have no
+    load.
+    """
+    if len(low) != len(high) or not np.array_equal(low[[c.FRICTIONS, c.BEAMS]], high[[c.FRICTIONS, c.BEAMS]]):
+        return False
+    one, two = (x[c.FIRST :][: c.FRICTION * int(x[c.FRICTIONS])].reshape(-1, c.FRICTION) for x in (low, high))
+    by_load = c.LAWS + c.LOAD
+    return np.array_equal(one[:, by_load], two[:, by_load])
 
 
 _NUMBERS = ("places", "rest", "shapes", "drawn", "axes", "gain", "bias", "delay")

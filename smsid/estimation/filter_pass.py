@@ -203,7 +203,7 @@ def filter_samples(
     n, rows = samples.values.shape
     shape = n, rows, len(state.covariance), len(state.values)
     record = _empty_record(len(samples.edges) - 1, *shape, base.model)
-    if compiled is not None and _compiled_pays():
+    if compiled is not None and compiled_pays():
         lost = kernel.run(*compiled, drive, state, samples, record, WILD)
     else:
         began = time.perf_counter()
@@ -214,7 +214,7 @@ def filter_samples(
     return record
 
 
-def _compiled_pays() -> bool:
+def compiled_pays() -> bool:
     """Return whether to take compiled code: it is there, is asked for, or would be worth the wait by now."""
     asked = os.environ.get(SWITCH) == "1"
     if not (asked or compiled_already(kernel.run)) and _plain_seconds[0] > COMPILATION:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,10 +66,15 @@ class MeasurementModel:
                 if block.quantity == "joint_position":
                     h[block.rows] += block.gain @ self.model.encoder_twist(t, q, v, tau, a, self.locked)
 
-    def all(self, s: States) -> np.ndarray:
-        """Return h (N, rows) at many states; an attitude's rows hold the sensor's own error alone."""
-        out = np.empty((len(s.time), self.data.rows))
-        for sensor in {b.sensor.name: b.sensor for b in self.data.blocks}.values():
+    def all(self, s: States, names: Collection[str] | None = None) -> np.ndarray:
+        """Return h (N, rows) at many states; an attitude's rows hold the sensor's own error alone.
+
+        ``names`` are the sensors that are read, all if not given; rows of others are zero.
+        """
+        out = np.zeros((len(s.time), self.data.rows))
+        for name, sensor in {b.sensor.name: b.sensor for b in self.data.blocks}.items():
+            if names is not None and name not in names:
+                continue
             ideal = exact_readings(self.model, s, sensor, self.locked)
             for block in (b for b in self.data.blocks if b.sensor.name == sensor.name):
                 if block.quantity == "attitude":

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from smsid.effects.assembly import AttachedForce
 from smsid.effects.spatial import ExtraInertia
 from smsid.inputs.inputs import Inputs
 from smsid.inputs.signals import Signal
@@ -77,11 +78,11 @@ class ProcessModel:
     def kernel(self, *, balanced: bool = True) -> Kernel | None:
         """Return the arrays that compiled code takes, as `smsid.kernel.arrays.arrays_of`, or ``None``."""
         own = self.model
-        if not available() or self._forces or self._slow or self._growing:
+        if not available() or self._slow or self._growing or own.followers is not None:
             return None
-        if own.inertial is not None or own.followers is not None:
-            return None
-        return arrays_of(own, self.pin, balanced=balanced)
+        terms: list[object] = [x.term if isinstance(x, AttachedForce) else x for x in self._forces]
+        terms += () if own.inertial is None else own.inertial.terms
+        return arrays_of(own, self.pin, terms, balanced=balanced)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return vdot (nv,) under applied generalised forces tau (nv,)."""

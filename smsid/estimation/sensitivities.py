@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError
-from smsid.estimation.filter_pass import Applied
+from smsid.estimation.filter_pass import Applied, compiled_pays
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.kalman import applied
 from smsid.estimation.measurement_model import MeasurementModel
@@ -18,6 +18,7 @@ from smsid.estimation.measurements import mounting
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.process_model import ProcessModel
+from smsid.kernel.derivatives import forces_along
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
@@ -49,6 +50,7 @@ class Sensitivities:
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[str, np.ndarray] = {}
+        self._own: dict[str, np.ndarray | None] = {}
         self.by_candidate: dict[tuple[object, ...], list[Sensitivity]] = {}  # what is scored is scored again
 
     def inertial(self, columns: Sequence[int]) -> list[Sensitivity]:
@@ -80,24 +82,34 @@ class Sensitivities:
         `DescriptionError` for an instance the spacecraft cannot have, `NotIdentifiableError` for one that
         adds joints, which has no derivative at zero.
         """
-        known = changed.name in {e.name for e in self.point.description.effect}
+        there = {e.name: e for e in self.point.description.effect}
+        known = changed.name in there and there[changed.name] is not plain  # else the point has it so
         base = self.point.with_effect(plain) if known else self.point
-        other = self.point.with_effect(changed)
-        origin, model = base.model() if known else self.model, other.model()
+        other, cls = self.point.with_effect(changed), type(changed)
+        forces = cls.attach is not Effect.attach
+        if forces:
+            origin, model = base.model() if known else self.model, other.model()
+        else:  # bodies and forces stay what they are
+            own = self.model.description
+            origin = replace(self.model, description=own.with_effects(plain)) if known else self.model
+            model = replace(self.model, description=own.with_effects(changed))
         if model.nv != origin.nv:
             raise NotIdentifiableError(
                 f"'{changed.name}' adds joints.", advice="Fit it through simulation.", effect=changed.name
             )
         middle = at = None
-        if type(changed).attach is not Effect.attach or type(changed).drive is not Effect.drive:
-            forces = [self._force(where, origin, model, changed.name) for where in ("middle", "at")]
-            if type(changed).drive is not Effect.drive:
+        if forces or cls.drive is not Effect.drive:
+            pushed = [
+                self._force(where, origin, model, changed.name) if forces else np.zeros_like(s.tau)
+                for where, s in (("middle", self.run.middle), ("at", self.run.states))
+            ]
+            if cls.drive is not Effect.drive:
                 new, old = self._applied(model), self._applied(origin) if known else self.applied
-                forces[0] += new.middle - old.middle
-                forces[1] += (new.at - old.at)[: len(forces[1])]
-            if np.any(forces[0]) or np.any(forces[1]):
-                middle = np.matmul(self.run.middle_inverse, forces[0][:, :, None])[:, :, 0] / step
-                at = np.matmul(self.run.inverse, forces[1][:, :, None])[:, :, 0] / step
+                pushed[0] += new.middle - old.middle
+                pushed[1] += (new.at - old.at)[: len(pushed[1])]
+            if np.any(pushed[0]) or np.any(pushed[1]):
+                middle = np.matmul(self.run.middle_inverse, pushed[0][:, :, None])[:, :, 0] / step
+                at = np.matmul(self.run.inverse, pushed[1][:, :, None])[:, :, 0] / step
         reading = self._reading(base, other, origin, model)
         return Sensitivity(middle, at, None if reading is None else reading / step)
 
@@ -118,17 +130,15 @@ class Sensitivities:
         return Sensitivity(reading=reading)
 
     def unknown(self, unknown: Unknown) -> Sensitivity:
-        """Return the change by a parameter of an effect the point has, by a central difference."""
-        value = self.point.value(unknown)
+        """Return the change by a parameter of an effect the point has, by a difference."""
+        value, owner = self.point.value(unknown), unknown.name.partition(".")[0]
         step = DIFFERENCE * unknown.scale
-        low = max(value - step, unknown.lower)
-        high = min(value + step, unknown.upper)
-        owner = unknown.name.partition(".")[0]
-        less, more = (
-            self.point.moved([unknown], np.array([x - value])).description.get_effect(owner)
-            for x in (low, high)
+        step = step if value + step <= unknown.upper else -step
+        mine, more = (
+            p.description.get_effect(owner)
+            for p in (self.point, self.point.moved([unknown], np.array([step])))
         )
-        return self.effect(less, more, high - low)
+        return self.effect(mine, more, step)
 
     def force(self, middle: np.ndarray, at: np.ndarray) -> Sensitivity:
         """Return the change by a generalised force along the run.
@@ -160,8 +170,26 @@ class Sensitivities:
             self._rates = rates
         return self._rates
 
+    def _compiled_forces(self, where: str, model: SpacecraftModel) -> np.ndarray | None:
+        """Return what a model's motion takes along the run (N, nv) by compiled code, where that knows it."""
+        if model is self.model and where in self._own:
+            return self._own[where]
+        held = np.zeros(0, dtype=int)
+        kernel = ProcessModel(model, held).kernel(balanced=False) if compiled_pays() else None
+        found = None
+        if kernel is not None:
+            s, found = self._states(where), np.empty((len(self._states(where).time), model.nv))
+            forces_along(*kernel.arrays, s.time, s.q, s.v, s.a, s.tau, found)
+        if model is self.model:
+            self._own[where] = found
+        return found
+
     def _force(self, where: str, origin: SpacecraftModel, model: SpacecraftModel, changed: str) -> np.ndarray:
         states = self._states(where)
+        before = self._compiled_forces(where, origin)
+        after = None if before is None else self._compiled_forces(where, model)
+        if before is not None and after is not None:
+            return before - after
         out = _springs(model, states) - _springs(origin, states)
         for sign, of in ((1.0, model), (-1.0, origin)):
             _add_terms(out, sign, of, states, _touched(of, changed))
@@ -185,17 +213,19 @@ class Sensitivities:
         scaled = any(
             not np.array_equal(a.scale, b.scale)
             or a.appendage != b.appendage
-            or a.drawn is not b.drawn
+            or not np.array_equal(*(0.0 if x.drawn is None else x.drawn for x in (a, b)))  # pyright: ignore
             or a.more != b.more
             for a, b in zip(origin.appendages, model.appendages, strict=True)
         )
         if before == after and not (scaled or origin.twists != model.twists):
             return None
         old, new = (self.problem.data.with_blocks(s) for s in (before, after))
-        locked = self.problem.locked
-        out = MeasurementModel(model, new, locked).all(self.run.states) - MeasurementModel(
-            origin, old, locked
-        ).all(self.run.states)
+        locked, states = self.problem.locked, self.run.states
+        some = None
+        if origin.appendages is model.appendages and origin.twists is model.twists:
+            some = {a.name for a, b in zip(before, after, strict=True) if a != b}
+        out = MeasurementModel(model, new, locked).all(states, some)
+        out -= MeasurementModel(origin, old, locked).all(states, some)
         for a, b in zip(old.blocks, new.blocks, strict=True):
             if a.delay != b.delay:
                 out[:, a.rows] -= (b.delay - a.delay) * self.rates()[:, a.rows]

@@ -6,12 +6,14 @@ with other forces goes the plain way, over Pinocchio, as does everything where n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
 
-from smsid.kernel import tree as c
+from smsid.kernel import columns as c
 from smsid.kernel.jit import available
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -26,9 +28,37 @@ KINDS = {
 SAME = 1e-14  # share by which the inertia of a balanced rotor may change as it turns
 
 
+@runtime_checkable
+class Friction(Protocol):
+    """Friction of one degree of freedom from a time on [s]; its ``numbers`` (13,) are those of
+    `smsid.kernel.friction`: viscous, Coulomb, both by direction, quadratic, cubic, Stribeck's, by load, by
+    cosine and sine of the angle; the width of the sign; rate and exponent of Stribeck's curve.
+    """
+
+    dof: int
+    start: float
+    numbers: np.ndarray
+
+
+@runtime_checkable
+class Beam(Protocol):
+    """A beam that grows shorter as it bends: the joint that carries it and where, places of its modes in v
+    with their scales (n,), and matrices a, b (n, n) and c (n, n, n) of the shortening.
+    """
+
+    parent: int
+    placement: pin.SE3
+    v: np.ndarray
+    scale: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+
+
 @dataclass(frozen=True)
 class Kernel:
-    """The arrays of a spacecraft: ``tree`` (n, 4), ``bodies`` (n, 28), ``root`` (16,), see the columns there.
+    """The arrays of a spacecraft: ``tree`` (n, 4), ``bodies`` (n, 28), ``root`` (17 + ...,), see the columns
+    there.
 
     A rotation, position, axis and inertia are in the axes of the joint's parent, joint axes at rest; where
     nothing turns a body against the bus, in bus axes.
@@ -47,16 +77,21 @@ class Kernel:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first arguments of what is compiled: tree (n, 4), bodies (n, 28), root (16,)."""
+        """The first arguments of what is compiled: tree (n, 4), bodies (n, 28), root (17 + ...,)."""
         return self.tree, self.bodies, self.root
 
 
 def arrays_of(
-    model: SpacecraftModel, bodies: pin.Model | None = None, *, balanced: bool = True
+    model: SpacecraftModel,
+    bodies: pin.Model | None = None,
+    terms: Sequence[object] = (),
+    *,
+    balanced: bool = True,
 ) -> Kernel | None:
-    """Return the arrays of a model, ``None`` for joints or springs that the kernel does not know.
+    """Return the arrays of a model, ``None`` for joints, springs or ``terms`` that the kernel does not know.
 
-    ``bodies`` stand for the model's own; ``balanced=False``: as `tree_of`.
+    ``bodies`` stand for the model's own; of nonlinear terms it knows `Friction` and `Beam`.
+    ``balanced=False``: as `tree_of`.
     """
     found = tree_of(bodies or model.pin, model.free, balanced=balanced)
     start = 6 if model.free else 0
@@ -64,7 +99,28 @@ def arrays_of(
         return None
     found.bodies[model.spring_v - start, c.STIFFNESS] = model.stiffness
     found.bodies[model.spring_v - start, c.DAMPING] = model.damping
-    return found
+    frictions = [x for x in terms if isinstance(x, Friction)]
+    beams = [x for x in terms if isinstance(x, Beam)]
+    loaded = [x.dof for x in frictions if x.numbers[c.LOAD]]
+    if len(frictions) + len(beams) < len(terms) or len(set(loaded)) < len(loaded):  # they see each other's
+        return None
+    tables = [np.r_[x.dof - start, x.start, x.numbers] for x in frictions]
+    tables += [_beam_table(found, bodies or model.pin, start, x) for x in beams]
+    root = np.concatenate([found.root, *tables])
+    root[c.FRICTIONS], root[c.BEAMS] = len(frictions), len(beams)
+    return replace(found, root=root)
+
+
+def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray:
+    """Return a beam as `smsid.kernel.beams` has it."""
+    row = int(m.idx_vs[beam.parent] + m.nvs[beam.parent] - 1 - start) if beam.parent else -1
+    still = row >= 0 and not own.tree[row, c.TURNING]  # what it carries is in bus axes then
+    turn = own.bodies[row, c.ROTATION : c.ROTATION + 9].reshape(3, 3) if still else np.eye(3)
+    place = beam.placement
+    placed = np.r_[(turn @ place.rotation).ravel(), turn @ place.translation]
+    numbers = [placed, beam.v - start, beam.scale, beam.a, beam.b, beam.c]
+    table = np.concatenate([np.ravel(x) for x in numbers])
+    return np.r_[len(table) + 3.0, max(row, -1.0), len(beam.v), table]
 
 
 def tree_of(m: pin.Model, free: bool, *, balanced: bool = True) -> Kernel | None:
@@ -73,7 +129,7 @@ def tree_of(m: pin.Model, free: bool, *, balanced: bool = True) -> Kernel | None
     A rotor that is balanced need not be turned; ``balanced=False`` turns all, whatever their inertia is.
     """
     first = 2 if free else 1
-    root = np.zeros(16)
+    root = np.zeros(c.FIRST)
     root[c.GRAVITY : c.GRAVITY + 3] = m.gravity.linear
     root[c.FREE] = float(free)
     if free:

@@ -7,7 +7,13 @@ depends on nothing else, so that p and D add up over bodies.
 
 from __future__ import annotations
 
-from smsid.kernel.jit import compiled
+import numpy as np
+
+from smsid.kernel.beams import UNITS, ZERO, add_beam_derivatives
+from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FREE, FRICTIONS, PARENT, STIFFNESS, TIME
+from smsid.kernel.friction import add_friction
+from smsid.kernel.jit import compiled, compiled_and_cached
+from smsid.kernel.motion import start_of_chart
 from smsid.kernel.spatial import (
     bracket,
     cross,
@@ -21,28 +27,42 @@ from smsid.kernel.spatial import (
     transposed,
     wrench,
 )
-from smsid.kernel.tree import ARMATURE, DAMPING, FREE, PARENT, STIFFNESS, outward
-
-UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-ZERO = (0.0, 0.0, 0.0)
+from smsid.kernel.tree import outward, workspace
 
 
 @compiled
-def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, work, out):
-    """Write the generalised forces (nv,) that an acceleration takes, springs and dampers included."""
+def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out):
+    """Write the generalised forces (nv,) that an acceleration takes, springs, dampers and friction included,
+    which may go by the applied forces ``load`` (nv,).
+    """
     outward(tree, bodies, root, angles, v, a, gravity, work)
     axes, forces, n = work[2], work[5], len(tree)
     start = 6 if root[FREE] > 0.0 else 0
     for i in range(n - 1, -1, -1):
         body, k = bodies[i], start + i
         total = body[ARMATURE] * a[k] + body[STIFFNESS] * angles[i] + body[DAMPING] * v[k]
+        if root[BEAMS] > 0.0:  # else it is of another table
+            total += work[11][i, 6]
         above = tree[i, PARENT] if tree[i, PARENT] >= 0 else n
         for c in range(6):
             total += axes[i, c] * forces[i, c]
             forces[above, c] += forces[i, c]
         out[k] = total
+    if root[FRICTIONS] > 0.0:
+        add_friction(root, angles, v, load, 1.0, out)
     for c in range(start):
         out[c] = forces[n, c]
+
+
+@compiled_and_cached
+def forces_along(tree, bodies, root, times, q, v, a, load, out):
+    """Write what `inverse_dynamics` gives along a motion: q (N, nq), the others and ``out`` (N, nv)."""
+    n = len(tree)
+    work, angles = workspace(n), np.empty(n)
+    for k in range(len(times)):
+        root[TIME] = times[k]
+        gravity = start_of_chart(tree, root, q[k], angles)
+        inverse_dynamics(tree, bodies, root, angles, v[k], a[k], gravity, load[k], work, out[k])
 
 
 @compiled
@@ -134,25 +154,26 @@ def derivatives(tree, bodies, root, angles, v, a, gravity, scratch, mass, by_q, 
             inertias[above, c] += inertias[i, c]
         for c in range(12):
             terms[above, c] += terms[i, c]
-    if not start:
-        return
-    own, d = inertias[n], matrix(terms[n], 3)
-    moment, inertia, momentum = three(own, 1), six(own, 4), three(terms[n], 0)
-    for c in range(3):
-        e = UNITS[c]
-        slid, swept, fall = cross(w0, e), cross(u0, e), cross(e, gravity)
-        columns = (
-            wrench(own[0], moment, inertia, e, ZERO),
-            wrench(own[0], moment, inertia, ZERO, e),
-            wrench(own[0], moment, inertia, fall, ZERO),
-            wrench(own[0], moment, inertia, slid, ZERO),
-            wrench(own[0], moment, inertia, swept, slid),
-        )
-        more, about = cross(e, momentum), times_vector(d, e)
-        for r in range(3):
-            mass[r, c], mass[3 + r, c] = columns[0][0][r], columns[0][1][r]
-            mass[r, 3 + c], mass[3 + r, 3 + c] = columns[1][0][r], columns[1][1][r]
-            by_q[r, 3 + c], by_q[3 + r, 3 + c] = columns[2][0][r], columns[2][1][r]
-            by_v[r, c], by_v[3 + r, c] = columns[3][0][r], columns[3][1][r]
-            by_v[r, 3 + c] = columns[4][0][r] + 2.0 * more[r]
-            by_v[3 + r, 3 + c] = columns[4][1][r] + about[r]
+    if start:
+        own, d = inertias[n], matrix(terms[n], 3)
+        moment, inertia, momentum = three(own, 1), six(own, 4), three(terms[n], 0)
+        for c in range(3):
+            e = UNITS[c]
+            slid, swept, fall = cross(w0, e), cross(u0, e), cross(e, gravity)
+            columns = (
+                wrench(own[0], moment, inertia, e, ZERO),
+                wrench(own[0], moment, inertia, ZERO, e),
+                wrench(own[0], moment, inertia, fall, ZERO),
+                wrench(own[0], moment, inertia, slid, ZERO),
+                wrench(own[0], moment, inertia, swept, slid),
+            )
+            more, about = cross(e, momentum), times_vector(d, e)
+            for r in range(3):
+                mass[r, c], mass[3 + r, c] = columns[0][0][r], columns[0][1][r]
+                mass[r, 3 + c], mass[3 + r, 3 + c] = columns[1][0][r], columns[1][1][r]
+                by_q[r, 3 + c], by_q[3 + r, 3 + c] = columns[2][0][r], columns[2][1][r]
+                by_v[r, c], by_v[3 + r, c] = columns[3][0][r], columns[3][1][r]
+                by_v[r, 3 + c] = columns[4][0][r] + 2.0 * more[r]
+                by_v[3 + r, 3 + c] = columns[4][1][r] + about[r]
+    if root[BEAMS] > 0.0:
+        add_beam_derivatives(tree, root, angles, v, a, gravity, first, second, work, mass, by_q, by_v)

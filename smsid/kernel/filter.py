@@ -9,12 +9,14 @@ from math import sqrt
 
 import numpy as np
 
+from smsid.kernel.columns import FREE, FRICTIONS, TIME
 from smsid.kernel.covariance import correct, inverse_of_root, multiply, spread, transition, transposed_into
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
+from smsid.kernel.friction import add_friction_derivatives
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, start_of_chart
 from smsid.kernel.readings import ATTITUDE, read, residual, rotation_vector
-from smsid.kernel.tree import FREE, acceleration, workspace
+from smsid.kernel.tree import acceleration, workspace
 
 DONE = -1  # what `run` returns where no sample was lost
 
@@ -26,6 +28,8 @@ def linearise(tree, bodies, root, q, v, tau, scratch, a, by_q, by_v, inverse, an
     gravity = start_of_chart(tree, root, q, angles)
     acceleration(tree, bodies, root, angles, v, tau, gravity, own[0], a)
     derivatives(tree, bodies, root, angles, v, a, gravity, own, mass, force_q, force_v)
+    if root[FRICTIONS] > 0.0:
+        add_friction_derivatives(root, angles, v, tau, force_q, force_v)
     inverse_of_root(mass, low, half)
     transposed_into(half, turned)
     multiply(turned, half, inverse)
@@ -44,7 +48,7 @@ def by_parameters(tree, bodies, roots, terms, weights, pushed, push, at, inverse
     changes = np.zeros(out.shape)
     for k in range(len(terms)):
         table, i = terms[k, 0], terms[k, 1]
-        inverse_dynamics(tree, bodies[table], roots[table], angles, v, a, gravity, work, force)
+        inverse_dynamics(tree, bodies[table], roots[table], angles, v, a, gravity, work[10], work, force)
         for c in range(len(v)):
             changes[c, i] -= weights[k] * force[c]
     for k in range(len(pushed)):
@@ -97,11 +101,12 @@ def reference(tree, root, state, at, scales, close, regular, acts, off, q, v, dr
 def step_ahead(tree, bodies, root, q, v, tau, rise, h, stages, out_q):
     """Go on by h [s] by Runge and Kutta, forces from ``tau - rise`` to ``tau + rise``; v in place."""
     work, angles, moved, k, y, force = stages
-    nv = len(v)
+    nv, began = len(v), root[TIME]
     gravity = start_of_chart(tree, root, q, angles)
     for s in range(4):
         ahead = 0.0 if s == 0 else h if s == 3 else 0.5 * h
         side = -1.0 if s == 0 else 1.0 if s == 3 else 0.0
+        root[TIME] = began + ahead
         for i in range(nv):
             y[i] = ahead * k[s - 1, i] if s else 0.0
             y[nv + i] = v[i] + (ahead * k[s - 1, nv + i] if s else 0.0)
@@ -123,6 +128,7 @@ def read_all(tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, der
     h, by_q, by_v, by_a = out
     read(senses, t, root, q, v, a, angles, gravity, derive, h, by_q, by_v, by_a)
     old, old_q, old_v, old_a, far, rate, back, behind, there = spare
+    now = root[TIME]
     for i in range(len(senses.late)):
         first, count = senses.late[i, 0], senses.late[i, 1]
         delay = senses.delay[t, first]
@@ -136,7 +142,9 @@ def read_all(tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, der
         for c in range(len(v)):
             behind[c] = v[c] - delay * rate[c]
         down = start_of_chart(tree, root, back, there)
+        root[TIME] = now - delay
         acceleration(tree, bodies, root, there, behind, force, down, work, far)
+        root[TIME] = now
         read(senses, t, root, back, behind, far, there, down, derive, old, old_q, old_v, old_a)
         for row in range(first, first + count):
             h[row] = old[row]
@@ -207,6 +215,7 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
         reference(tree, root, state, point, scales, close, regular, acts, off, q, v, driving)
         a, tau, inverse, h, by_a = at_a[k], at_tau[k], at_inverse[k], record.predicted[k], record.by_a[k]
         at_q[k], at_v[k] = q, v
+        roots[:, TIME] = edges[k]
         for c in range(nv):
             tau[c] = at[k, c] + driving[c]
             sides[0, c], sides[1, c] = before[k, c] + driving[c], after[k, c] + driving[c]
@@ -296,6 +305,7 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
         for s in range(substeps):
             if s == substeps // 2:
                 mid_q[k], mid_v[k] = q, v
+                roots[:, TIME] = edges[k] + 0.5 * h_k
                 for c in range(nv):
                     tau[c] = middle[k, c] + driving[c]
                 if corrects:
@@ -317,6 +327,7 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                     acceleration(tree, bodies, root, angles, v, tau, gravity, work, a)
             for c in range(nv):
                 sides[0, c] = means[k, s, c] + driving[c]
+            root[TIME] = edges[k] + s * h_k / substeps
             step_ahead(tree, bodies, root, q, v, sides[0], rise[k, s], h_k / substeps, stages, moved)
             q[:] = moved
         for r in range(2 * nv):

@@ -10,7 +10,9 @@ from smsid.kernel.readings import Readings
 
 
 class TreeTables(NamedTuple):
-    """A ``tree`` (n, 4); T tables of ``bodies`` (T, n, 28) and ``roots`` (T, 16), the model's own first."""
+    """A ``tree`` (n, 4); T tables of ``bodies`` (T, n, 28) and ``roots`` (T, 17 + ...), the model's own
+    first.
+    """
 
     tree: np.ndarray
     bodies: np.ndarray

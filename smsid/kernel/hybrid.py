@@ -6,9 +6,10 @@ from math import isfinite, sqrt
 
 import numpy as np
 
+from smsid.kernel.columns import FREE, PARENT
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
-from smsid.kernel.tree import FREE, PARENT, assemble, workspace
+from smsid.kernel.tree import assemble, workspace
 
 
 @compiled

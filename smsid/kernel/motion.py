@@ -6,9 +6,10 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
+from smsid.kernel.columns import ENDLESS, FREE, GRAVITY, KIND, PLACE
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import NEAR, bracket, cross, dot, plus, three, turned, unit_functions
-from smsid.kernel.tree import ENDLESS, FREE, GRAVITY, KIND, PLACE, acceleration
+from smsid.kernel.tree import acceleration
 
 
 @compiled

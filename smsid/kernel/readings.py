@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smsid.kernel.columns import FREE
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import cross, dot, plus, three, turned
-from smsid.kernel.tree import FREE
 
 ANGLE, TURN_RATE = range(2)  # kinds of scalar readings
 POSITION, ATTITUDE, VELOCITY, ANGULAR_RATE = range(4)  # kinds of readings of the bus, three rows each

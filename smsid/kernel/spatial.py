@@ -138,6 +138,23 @@ def bearing_force(mass, moment, inertia, velocity, spin, acceleration, turning):
 
 
 @compiled
+def about_origin(mass, moment, inertia, place):
+    """Return moment and inertia about the origin of a body whose own are about a place."""
+    x, y, z = place
+    a, b, c = moment
+    # I + (2 p h + m p p) 1 - p h' - h p' - m p p'
+    whole = 2.0 * dot(place, moment) + mass * dot(place, place)
+    return plus(moment, mass, place), (
+        inertia[0] + whole - 2.0 * x * a - mass * x * x,
+        inertia[1] - x * b - a * y - mass * x * y,
+        inertia[2] + whole - 2.0 * y * b - mass * y * y,
+        inertia[3] - x * c - a * z - mass * x * z,
+        inertia[4] - y * c - b * z - mass * y * z,
+        inertia[5] + whole - 2.0 * z * c - mass * z * z,
+    )
+
+
+@compiled
 def put(x, first, more):
     """Write two vectors, one after the other, into an array."""
     x[0], x[1], x[2] = first

@@ -5,17 +5,38 @@ vectors about the bus's origin, so they add up without transformations. Mass mat
 bias forces by Newton and Euler, then the factorisation H = L' D L that keeps the zeros of branches
 (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 6 and 8).
 
-Arguments that recur here and in the modules beside: ``tree`` (n, 4), ``bodies`` (n, 28) and ``root`` (16,) as
-`smsid.kernel.arrays` makes them; ``angles`` (n,) [rad | m] of the n joints, each of one degree of freedom;
-``v``, ``tau`` (nv,); ``gravity`` (3,) [m/s^2] in bus axes.
+Arguments that recur here and in the modules beside: ``tree`` (n, 4), ``bodies`` (n, 28) and ``root``
+(17 + ...,) as `smsid.kernel.arrays` makes them; ``angles`` (n,) [rad | m] of the n joints, each of one degree
+of freedom; ``v``, ``tau`` (nv,); ``gravity`` (3,) [m/s^2] in bus axes.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from smsid.kernel.beams import add_beams
+from smsid.kernel.columns import (
+    ARMATURE,
+    AXIS,
+    BEAMS,
+    DAMPING,
+    FREE,
+    FRICTIONS,
+    INERTIA,
+    KIND,
+    MASS,
+    MOMENT,
+    PARENT,
+    POSITION,
+    ROTATION,
+    SLIDE,
+    STIFFNESS,
+    TURNING,
+)
+from smsid.kernel.friction import add_friction
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import (
+    about_origin,
     bearing_force,
     cross,
     dot,
@@ -31,17 +52,12 @@ from smsid.kernel.spatial import (
     wrench,
 )
 
-PARENT, KIND, PLACE, TURNING = range(4)  # columns of `tree`
-HINGE, SLIDE, ENDLESS = range(3)  # kinds; an endless hinge is stored as (cos, sin)
-ROTATION, POSITION, AXIS, MASS, MOMENT, INERTIA = 0, 9, 12, 15, 16, 19  # where they begin in `bodies`
-ARMATURE, STIFFNESS, DAMPING, COLUMNS = 25, 26, 27, 28
-GRAVITY, FREE = 10, 13  # in `root`, which begins with mass, moment and inertia of the bus
-
 
 @compiled
 def workspace(n):
     """Return scratch space: orientations, places, axes, velocities, accelerations, forces, inertias of
-    bodies (the last row is the bus), the mass matrix in three parts, and zeros (n + 6,).
+    bodies (the last row is the bus), the mass matrix in three parts, zeros (n + 6,), and of joints that are
+    modes of a beam what `add_beams` gives them.
     """
     return (
         np.empty((n, 9)),
@@ -55,6 +71,7 @@ def workspace(n):
         np.empty((n, 6)),
         np.empty((6, 6)),
         np.zeros(n + 6),
+        np.zeros((n, 7)),
     )
 
 
@@ -135,25 +152,15 @@ def outward(tree, bodies, root, angles, v, vdot, gravity, work):
         if not heavy:  # in between two joints
             forces[i], inertias[i] = 0.0, 0.0
             continue
-        # about the bus's origin: I + (2 p h + m p p) 1 - p h' - h p' - m p p'
-        x, y, z = place
-        a, b, c = moment
-        whole = 2.0 * dot(place, moment) + mass * dot(place, place)
-        inertia = (
-            inertia[0] + whole - 2.0 * x * a - mass * x * x,
-            inertia[1] - x * b - a * y - mass * x * y,
-            inertia[2] + whole - 2.0 * y * b - mass * y * y,
-            inertia[3] - x * c - a * z - mass * x * z,
-            inertia[4] - y * c - b * z - mass * y * z,
-            inertia[5] + whole - 2.0 * z * c - mass * z * z,
-        )
-        moment = plus(moment, mass, place)
+        moment, inertia = about_origin(mass, moment, inertia, place)
         row = inertias[i]
         row[0], row[1], row[2], row[3] = mass, moment[0], moment[1], moment[2]
         for k in range(6):
             row[4 + k] = inertia[k]
         f, m = bearing_force(mass, moment, inertia, velocity, spin, acceleration, turning)
         put(forces[i], f, m)
+    if root[BEAMS] > 0.0:
+        add_beams(tree, root, angles, v, vdot, work)
 
 
 @compiled
@@ -172,7 +179,7 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
     """
     outward(tree, bodies, root, angles, v, work[10], gravity, work)
     axes, forces, inertias, mass, coupling, whole = work[2], work[5], work[6], work[7], work[8], work[9]
-    n = len(tree)
+    n, extra = len(tree), work[11]
     free = root[FREE] > 0.0
     start = 6 if free else 0
     for i in range(n - 1, -1, -1):
@@ -187,6 +194,7 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
             - body[DAMPING] * v[k]
             - dot(linear, (force[0], force[1], force[2]))
             - dot(angular, (force[3], force[4], force[5]))
+            - extra[i, 6]
         )
         for c in range(6):
             forces[above, c] += force[c]
@@ -195,11 +203,14 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
         own = inertias[i]
         f, m = wrench(own[0], three(own, 1), six(own, 4), linear, angular)
         mass[i, i] = dot(linear, f) + dot(angular, m) + body[ARMATURE]
+        f, m = plus(f, 1.0, three(extra[i], 0)), plus(m, 1.0, three(extra[i], 3))
         j = parent
         while j >= 0:
             mass[i, j] = dot(three(axes[j], 0), f) + dot(three(axes[j], 3), m)
             j = tree[j, PARENT]
         put(coupling[i], f, m)
+    if root[FRICTIONS] > 0.0:
+        add_friction(root, angles, v, tau, -1.0, out)
     if free:
         m, x, y, z = inertias[n, 0], inertias[n, 1], inertias[n, 2], inertias[n, 3]
         for k in range(6):

@@ -17,9 +17,9 @@ from scipy.linalg import lapack
 
 from smsid.errors import SimulationError
 from smsid.kernel.arrays import tree_of
+from smsid.kernel.columns import DAMPING, STIFFNESS
 from smsid.kernel.hybrid import hybrid_motion
 from smsid.kernel.jit import available
-from smsid.kernel.tree import DAMPING, STIFFNESS
 from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.runge_kutta import STAGES, A, B, stage_values, transitions

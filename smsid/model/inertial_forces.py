@@ -12,7 +12,7 @@ from smsid.effects.assembly import InertiaTerm
 from smsid.errors import SimulationError
 from smsid.model.followers import Followers
 
-PROBE = 1e-7  # step of a difference [rad, m, rad/s, m/s]
+PROBE = 1e-5  # half the step of a difference [rad, m, rad/s, m/s]
 
 
 class InertialForces:
@@ -93,14 +93,15 @@ class InertialForces:
             mass, bias = term(t, q, v)
             return mass @ a + bias
 
-        rest = at(q, v)
+        def moved(step: np.ndarray, by_rate: bool) -> np.ndarray:
+            return at(q, v + step) if by_rate else at(pin.integrate(self.pin, q, step), v)
+
         dq, dv = np.zeros((2, nv, nv))
         step = np.zeros(nv)
-        for moved, out in ((on_q, dq), (on_v, dv)):
-            for j in moved:
+        for by_rate, places, out in ((False, on_q, dq), (True, on_v, dv)):
+            for j in places:
                 step[j] = PROBE
-                x = (pin.integrate(self.pin, q, step), v) if out is dq else (q, v + step)
-                out[:, j] = (at(*x) - rest) / PROBE
+                out[:, j] = (moved(step, by_rate) - moved(-step, by_rate)) / (2.0 * PROBE)
                 step[j] = 0.0
         return dq, dv
 

@@ -97,7 +97,8 @@ def story_sections(found: Diagnosed, asked: ReportInputs) -> tuple[list[Section]
     if search is None or not (search.causes or (held and found.diagnosis.gain)):
         return [], None
     recording = held[0] if held else asked.recordings[0]
-    models = {GIVEN: nominal(asked.description, asked.estimate).point, EXTENDED: search.last.point}
+    extended = search.last.point if found.point is None else found.point
+    models = {GIVEN: nominal(asked.description, asked.estimate).point, EXTENDED: extended}
     like, gain = search.last.problem, found.diagnosis.gain
     story, loop = story_section(models, like, recording, seen=not held, rate=asked.rate, gain=gain)
     return [story] if search.causes else [], loop if held else None

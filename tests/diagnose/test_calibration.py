@@ -119,10 +119,10 @@ def test_generic_tests_have_the_size_they_say(monkeypatch):
     fit = stub(rng, rows, 2, np.ones(2))
     fit.residual[rows:] = rng.standard_normal(2)
     fit.run, fit.left = None, lambda c: Fit.left(fit, c)
-    named = [("torque of joint", "rate", [Sensitivity()] * each)] * tests
-    for part in ("_bus", "_hidden", "_channels", "whiteness"):
+    named = [("imu.angular_rate", "rate", [Sensitivity()] * each)] * tests
+    for part in ("equations_of", "whiteness"):
         monkeypatch.setattr(f"smsid.diagnose.specification_tests.{part}", lambda found: [])
-    monkeypatch.setattr("smsid.diagnose.specification_tests._torques", lambda found: named)
+    monkeypatch.setattr("smsid.diagnose.specification_tests._channels", lambda found: named)
     monkeypatch.setattr("smsid.diagnose.specification_tests.propagate", lambda run, changes: columns)
     found = adequacy(fit)
     assert {b.freedom for b in found} == {each}

@@ -11,10 +11,12 @@ from smsid.diagnose.change_point import (
     always,
     always_together,
     best_onsets,
+    cut_score,
     largest_innovation_time,
     moved_start,
     price,
     refine_onset,
+    scan_onsets,
     step_from,
     sync_onset,
     with_onset,
@@ -22,6 +24,7 @@ from smsid.diagnose.change_point import (
 from smsid.diagnose.forward_step import drop_onset
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds
+from smsid.diagnose.onset_scan import events
 from smsid.diagnose.score_test import scored, signatures
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate
@@ -125,6 +128,25 @@ def test_a_sensor_that_jumps_is_found_at_the_very_sample(fitted, start):
     assert largest_innovation_time(found.run) == pytest.approx(start, abs=0.021), (
         "the sample, or the one it is first seen in"
     )
+
+
+def test_a_scan_of_all_beginnings_gives_what_each_gives_by_itself(fitted):
+    """Of candidates with one parameter and with several, at samples and between them."""
+    found, scores = hidden(fitted, KEY, 60.0, 3.3)
+    some = [s for s in scores if s.candidate.kind in ("torque_gain", "sensor_bias", "external_wrench")]
+    some += [s for s in scores if s.candidate.shape in ("coulomb", "by direction", "stribeck")]
+    scan, when = scan_onsets(found, some), events(found.run)
+    assert {len(x.changes) for x in scan.values()} > {1, 2}
+    compared = 0
+    for own in scan.values():
+        for at in (1, 40, 101, 330, len(when) - 3):
+            start = float(when[at])
+            begun = replace(own.candidate, effect=own.candidate.effect.model_copy(update={"start": start}))
+            exact = cut_score(found, begun, own.changes, start).ratio
+            if exact > 0.0:  # else it would go beyond its bounds
+                assert own.ratios[at] == pytest.approx(exact, rel=1e-6)
+                compared += 1
+    assert compared > 60
 
 
 def test_what_only_its_onset_shows_is_among_those_that_begin(fitted):

@@ -1,10 +1,12 @@
 """Generic tests are sorted by their significance, however far beyond what a double can hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose.specification_tests import PAST, SpecificationTest, _log_chance
+from smsid.diagnose.specification_tests import PAST, SpecificationTest, _log_chance, band_tests
 
 SWITCH = 1000.0  # ratio from which the chance is that of its expansion
 FREEDOMS = [1, 2, 3, 8, 18, 54]
@@ -45,3 +47,27 @@ def test_correlation_in_time_is_last_however_significant():
         SpecificationTest("torque of joint1", "load", 0.0, 0),
     )
     assert sorted([symptom, empty, weak], key=lambda b: b.order) == [weak, empty, symptom]
+
+
+def test_misfit_is_said_by_channel_and_band(plain):
+    """White noise fills no band; a sine of amplitude a among N samples has a^2 N / 2 in its own."""
+    rng = np.random.default_rng(4)
+    run, data = plain.run, plain.problem.data
+    n, rows = run.normalised.shape
+    white = rng.standard_normal((n, rows))
+    used = np.ones((n, rows), dtype=bool)
+    quiet = replace(plain, run=replace(run, normalised=white, used=used))
+    assert band_tests(quiet, np.ones(rows)) == []
+    block = next(b for b in data.blocks if b.channel == "encoder.joint_velocity")
+    width, highest = block.rows.stop - block.rows.start, 0.5 / float(np.median(np.diff(data.times)))
+    cycles, size = n // 20, 20.0  # a tenth of the highest frequency
+    loud = white.copy()
+    loud[:, block.rows.start] += size * np.sin(2 * np.pi * cycles * np.arange(n) / n)
+    factors = np.full(rows, 2.0)  # the noise was raised to it: errors are half of what they are in the stated
+    (one,) = band_tests(replace(plain, run=replace(run, normalised=loud / 2.0, used=used)), factors)
+    assert (one.where, one.location) == ("encoder.joint_velocity",) * 2
+    low, high = highest / 16, highest / 4
+    assert one.dependence.startswith(f"frequency, {low:.2g} to {high:.2g} Hz (")
+    inside = 2.0 * np.sum((np.arange(n // 2 + 1) > n / 32) & (np.arange(n // 2 + 1) <= n / 8)) * width
+    assert one.freedom == inside
+    assert one.ratio == pytest.approx(size**2 * n / 2 + inside, rel=0.1)

@@ -86,13 +86,13 @@ def test_without_misfit_it_is_needed_where_the_rest_is_unknown(monkeypatch):
     rest = SimpleNamespace(unknowns=(unknown,), point=point, covariance=lambda: np.eye(1))
     found.levels = DetectionThresholds()
     monkeypatch.setattr(standing_causes, "replace", lambda found, last: last)
-    for ratio, where, stands in (
-        (90.0, "torque of joint1", True),
-        (9.0, "torque of joint1", False),
-        (90.0, "torque of joint2", False),
-        (90.0, "torque on the bus along x", False),
+    for ratio, place, stands in (
+        (90.0, "joint1", True),
+        (9.0, "joint1", False),
+        (90.0, "joint2", False),
+        (90.0, "", False),  # the bus
     ):
-        monkeypatch.setattr(standing_causes, "_rest_unknown", lambda found, where=where: (rest, {where}))
+        monkeypatch.setattr(standing_causes, "_rest_unknown", lambda found, at=place: (rest, {"it": at}))
         monkeypatch.setattr(standing_causes, "wald", lambda *_, ratio=ratio: ratio)
         assert standing(found, [told(*DRAG)]) == (rest, (stands,))
 

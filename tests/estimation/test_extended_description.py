@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from smsid.description import load_description, save_description
-from smsid.diagnose.extended_description import with_inertial_shifts
+from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
 from smsid.effects import SensorScale
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.parameter_vector import Point
@@ -35,7 +35,10 @@ def test_an_extended_description_is_identified(tmp_path):
     point = replace(Point.of(given.with_effects(cause)), inertial={0: 20.0, 4: -6.0, 9: -4.0})
     fit = SimpleNamespace(point=point, problem=SimpleNamespace(parts=()))
     nominal = SimpleNamespace(point=Point.of(given))
-    extended, notes = with_inertial_shifts(SimpleNamespace(last=fit, nominal=nominal))
+    search = SimpleNamespace(last=fit, nominal=nominal)
+    extended, notes = with_inertial_shifts(extended_point(search), fit)
+    hint = SimpleNamespace(effect=cause)  # a hint is no cause: its effect is not in what the gain is of
+    assert not extended_point(search, [hint]).description.effect
     assert not notes
     assert {e.kind for e in extended.effect} == {"sensor_scale", "body_error"}
     save_description(extended, tmp_path / "extended.toml")

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from smsid.effects import JointFriction
+from smsid.effects import GeometricStiffness, JointFriction
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.sensitivities import Sensitivities
+from smsid.kernel.jit import SWITCH
 
 THERE = (
     JointFriction(name="rubs", joint="joint1", coulomb=0.02, load=0.01, viscous=0.3),
@@ -27,10 +28,16 @@ def passive(model, states):
     return out
 
 
+@pytest.mark.parametrize("switch", ["1", "0"])
 @pytest.mark.parametrize("loaded", [True, False])
 @pytest.mark.parametrize("changed", CHANGED, ids=range(len(CHANGED)))
-def test_forces_that_see_the_applied_ones_are_those_of_the_whole_model(known, problem, changed, loaded):
-    """An effect of its own, or a change of one there is; beside frictions that go with the torque, or not."""
+def test_forces_that_see_the_applied_ones_are_those_of_the_whole_model(
+    known, problem, changed, loaded, switch, monkeypatch
+):
+    """An effect of its own, or a change of one there is; beside frictions that go with the torque, or not;
+    by compiled code and plainly.
+    """
+    monkeypatch.setenv(SWITCH, switch)
     point = known.point
     for effect in THERE if loaded else ():
         point = point.with_effect(effect)
@@ -47,3 +54,18 @@ def test_forces_that_see_the_applied_ones_are_those_of_the_whole_model(known, pr
         expected = np.einsum("nij,nj->ni", inverse, difference)
         assert np.abs(expected).max() > 0.0
         np.testing.assert_allclose(own, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("plain", [0.0, 1.0], ids=["from nothing", "of one that is there"])
+def test_what_a_softer_panel_changes_is_compiled_as_it_is_plainly(known, problem, plain, monkeypatch):
+    effects = [GeometricStiffness(name="soft", appendage="panel", factor=x) for x in (plain, plain + 0.1)]
+    point = known.point.with_effect(effects[0]) if plain else known.point
+    model, found = point.model(), []
+    run = run_filter(model, problem)
+    for switch in ("1", "0"):
+        monkeypatch.setenv(SWITCH, switch)
+        found.append(Sensitivities(point, model, problem, run).effect(*effects, 0.1))
+    for name in ("at", "middle", "reading"):
+        ours, exact = (getattr(x, name) for x in found)
+        assert np.abs(exact).max() > 0.0
+        np.testing.assert_allclose(ours, exact, rtol=0.0, atol=1e-10 * np.abs(exact).max())

@@ -9,9 +9,10 @@ from scipy.linalg import expm
 
 from smsid.effects import JointFriction
 from smsid.kernel.arrays import Kernel, arrays_of
+from smsid.kernel.columns import TURNING
 from smsid.kernel.motion import chart_rate, gravity_here, move, start_of_chart
 from smsid.kernel.steps import conserved
-from smsid.kernel.tree import TURNING, acceleration, workspace
+from smsid.kernel.tree import acceleration, workspace
 from smsid.model import build_model
 from smsid.simulate.trajectory import closing_audit
 

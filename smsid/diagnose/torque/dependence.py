@@ -54,7 +54,8 @@ def dependences(found: TorqueFit) -> list[SpecificationTest]:
             ratio = float(np.sum((basis.T @ found.left) ** 2)) / level
             scaled = after[: found.rows] / np.sqrt(level)
             p = robust_p_value(basis[: found.rows], scaled, ratio, found.samples)
-            out.append(SpecificationTest(f"torque of {joint}", name, float(chi2.isf(p, freedom)), freedom))
+            ratio = float(chi2.isf(p, freedom))
+            out.append(SpecificationTest(f"torque of {joint}", name, ratio, freedom, location=joint))
     return sorted(out, key=lambda b: b.p_value)
 
 

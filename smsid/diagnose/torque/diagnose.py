@@ -95,7 +95,7 @@ def diagnose_torques(
     blocks = dependences(last)
     before = dependences(found.nominal) if found.causes else blocks
     left = [b for b in blocks if b.p_value * len(blocks) < found.levels.block]
-    open_ = {b.where.removeprefix("torque of ") for b in left}
+    open_ = {b.location for b in left}
     named = tuple(cause_of(found, c, shaped=not open_ & set(c.term.candidate.joints)) for c in found.causes)
     extended, more = extended_description(last) if named else (description, ())
     gained, reason = None, "no validation recording was given"
