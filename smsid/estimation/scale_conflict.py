@@ -15,8 +15,9 @@ from smsid.estimation.normal_equations import NormalEquations, normal_equations
 from smsid.estimation.unknowns import effect_unknown
 
 KNOWN = 0.01  # relative error of a scale that thrusters and tachometers may have
-APART = 6.0  # standard deviations from which a scale is wrong, if it is by thrice `KNOWN` as well
+APART, LEAST = 6.0, 0.05  # standard deviations, and relative error, from which a scale is wrong
 TOLD = 0.1  # standard deviation of a scale above which the recordings do not tell it
+LEFT = 0.01  # share of what a scale does that no other parameter makes up for: no model is better below
 RIVAL = 0.5  # share of the best one's chi-squared from which another scale may be what is wrong
 
 
@@ -67,12 +68,14 @@ def scale_conflict(
         joined = np.zeros((len(unknowns), size + 1))  # all components by one factor
         joined[:size, :size], joined[first : first + count, size] = np.eye(size), 1.0
         first += count
-        covariance = np.linalg.inv(joined.T @ whole.gram @ joined)
+        gram = joined.T @ whole.gram @ joined
+        covariance = np.linalg.inv(gram)
+        left = 1.0 / np.sqrt(gram[size, size] * covariance[size, size])
         error = KNOWN * float((covariance @ joined.T @ whole.slope)[size])
         sigma = KNOWN * float(np.sqrt(covariance[size, size])) * widening
-        if sigma > TOLD:
+        if sigma > TOLD or left < LEFT:
             untold.append(channel)
-        elif abs(error) > max(APART * sigma, 3.0 * KNOWN):
+        elif abs(error) > max(APART * sigma, LEAST):
             ratio = 1.0 / (1.0 + error) if channel.startswith("command.") else 1.0 + error
             wrong.append(((error / sigma) ** 2, (channel, ratio)))
     wrong.sort(reverse=True)
