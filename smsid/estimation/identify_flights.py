@@ -146,8 +146,8 @@ def _identify(
         raise _restless(flights)
     disagree = contradictions(found, rows[:own], quality.widening)
     scale, untold = scale_conflict(found, flights, quality.widening)
-    conflicts = [c.sentence for c in (scale, quality.conflict) if c is not None]
-    quality = replace(quality, conflict=scale or quality.conflict)
+    conflicts = [c.sentence for c in (quality.conflict, scale) if c is not None]
+    quality = replace(quality, conflict=quality.conflict or scale)
     spread = gradient @ covariance @ gradient.T * quality.widening**2
     shares = _prior_shares(found, gradient, covariance)
     limits = bound_intervals(found, quality.widening)

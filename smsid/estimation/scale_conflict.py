@@ -94,7 +94,10 @@ def _drives(flights: Sequence[Flight]) -> Iterator[tuple[str, list[Effect]]]:
             names = [t.name for t in model.description.thruster]
             yield channel, [ThrusterGain(name=f"scale_of_{n}", thruster=n, gain=0.0) for n in names]
         for block in flight.problem.data.blocks:
-            moved = [n for n in model.wheels.names if flight.drives.get(n) == "measured"]
-            if block.quantity == "wheel_rate" and moved:
+            count = len(model.wheels)
+            if block.quantity == "wheel_rate" and "measured" in {
+                flight.drives[n] for n in model.wheels.names
+            }:
                 at = {"sensor": block.sensor.name, "quantity": block.quantity, "error": 0.0}
-                yield block.channel, [SensorScale(name=f"scale_of_{n}", component=n, **at) for n in moved]
+                own = [SensorScale(name=f"scale_of_wheel_{k}", component=k, **at) for k in range(count)]
+                yield block.channel, [*own]
