@@ -3,6 +3,7 @@
 import numpy as np
 
 from smsid.estimation.identify_flights import identify_flights
+from smsid.estimation.scale_conflict import ScaleConflict
 
 from .satellite import Satellite, burns_and_wheels, guess, recorded
 
@@ -19,7 +20,9 @@ def test_thrust_that_is_a_tenth_too_large_is_named_and_nothing_is_called_identif
     recording = recorded(truth, truth.fly(90.0, burns_and_wheels), np.random.default_rng(3))
     found = identify_flights(guess(tmp_path, truth, off=0.02), [scaled(recording, "command.force")])
     assert found.quality.judgement == "not explained"
-    scales = dict(found.quality.conflict.scales)
+    conflict = found.quality.conflict
+    assert isinstance(conflict, ScaleConflict)
+    scales = dict(conflict.scales)
     assert abs(scales["command.force"] - 1.1) < 0.03
     assert abs(scales["tacho.wheel_rate"] - 1.0 / 1.1) < 0.03, "or the wheels, as much too small"
     assert "'command.force' about 1.1 times" in found.estimate.notes[0]
