@@ -124,7 +124,7 @@ def row_of(rung: str, profile: str, torque: np.ndarray, motion: Motion, limit: n
     names = [f"bus.Ic{'xyz'[i]}{'xyz'[k]}" for i, k in ELEMENTS]
     names = [n if n in values else n.replace("Ic", "I") for n in names]
     row["missing"] = [n for n in names if n not in values]
-    row["not_identifiable"] = [n for n in names if n in values and _unseen(values[n])]
+    row["not_identifiable"] = [n for n in names if n in values and values[n].status == "not_identifiable"]
     row["judgement"] = found.quality.judgement
     row["seconds"] = round(time.process_time() - began, 1)
     if row["missing"]:
@@ -139,10 +139,6 @@ def row_of(rung: str, profile: str, torque: np.ndarray, motion: Motion, limit: n
     whitened = np.linalg.solve(np.linalg.cholesky(limit), off)
     row["squared"] = float(whitened @ whitened)  # chi-squared with 6 degrees of freedom at the bound
     return row
-
-
-def _unseen(parameter) -> bool:
-    return parameter.status == "not_identifiable" and "prior" in parameter.note
 
 
 def designed(rung: str) -> np.ndarray:

@@ -40,11 +40,19 @@ class Contradiction:
         said = f"'{self.recording}' contradicts the other recordings (p = {self.p_value:.1g})"
         said += f": {named}. " if named else ". "
         if self.factor is None:
-            return f"{said}Were they flown with the same spacecraft? Identify them apart and compare."
+            said += "Were they flown with the same spacecraft? Identify them apart and compare."
+            return said + self._scale
         return (
             f"{said}One factor explains it, {self.factor:.3g} on all masses and springs: is what drives one "
             "of them scaled, thrust ('command.force') or the wheels' inertia times rate ('wheel_rate')?"
         )
+
+    @property
+    def _scale(self) -> str:
+        """What a difference in mass would be if it came from what drives them."""
+        mass = [a / b for n, a, b, _ in self.parameters if n == "total.mass"]
+        drives = "thrust ('command.force') or the wheels' inertia times rate ('wheel_rate')"
+        return f" Or are {drives} of one of them scaled, by about {mass[0]:.3g}?" if mass else ""
 
 
 @dataclass(frozen=True)

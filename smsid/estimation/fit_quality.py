@@ -10,6 +10,7 @@ import scipy  # loads a part of it when that is used
 
 from smsid.estimation.normal_equations import InnovationSums, NormalEquations, by_recording
 from smsid.estimation.prior_conflict import PriorConflict, prior_conflict
+from smsid.estimation.scale_conflict import ScaleConflict
 
 LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
 WRONG = 3.0  # times beyond which the model does not explain a channel
@@ -43,12 +44,13 @@ class FitQuality:
     """The verdict on a fit: channel by channel, and by how much standard deviations had to be widened.
 
     ``dispersion`` is the spread of the slope of the likelihood over parts of the recordings, in standard
-    deviations of what it is if the model is right. ``conflict``: with what was known beforehand, if any.
+    deviations of what it is if the model is right. ``conflict``: with what was known beforehand, priors or
+    the scale of what drives the motion, if any.
     """
 
     channels: tuple[ChannelFit, ...]
     dispersion: float
-    conflict: PriorConflict | None = None
+    conflict: PriorConflict | ScaleConflict | None = None
 
     @property
     def judgement(self) -> Judgement:

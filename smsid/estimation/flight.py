@@ -85,7 +85,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         )
     data, dropped = _without_outliers(data)
     inputs = input_channels(model, recording)
-    drives, notes = _drives(point, data, inputs, options)
+    drives, notes = _drives(point, recording, data, inputs, options)
     locked = np.array(sorted(v for v, how in drives.items() if how == "locked"), dtype=int)
     unknown = _unknown_torques(model, recording, data, inputs, drives)
     further, held = _disturbances(model, recording, data, inputs, options)
@@ -146,7 +146,7 @@ def longest_substep(data: Measured) -> float:
 
 
 def _drives(
-    point: Point, data: Measured, inputs: dict[str, str], options: FlightOptions
+    point: Point, recording: Recording, data: Measured, inputs: dict[str, str], options: FlightOptions
 ) -> tuple[dict[int, Drive], list[str]]:
     """Return how every joint and wheel is driven, by its index in v, and what there is to say of it."""
     model = point.base
@@ -166,6 +166,11 @@ def _drives(
             commanded = torque in inputs
             if seen and not moves[i] and name not in by_torque:
                 drives[int(v)] = "locked"
+                if kind == "wheels" and commanded and np.any(np.asarray(recording[inputs[torque]])[:, i]):
+                    notes.append(
+                        f"doubtful: {seen[0].channel} says that '{name}' stands still while {inputs[torque]} "
+                        "drives it; leave the channel out if the wheel turned"
+                    )
             elif commanded and (options.drive == "command" or name in by_torque or not seen):
                 drives[int(v)] = "command"
             elif seen and options.drive != "command":

@@ -27,6 +27,7 @@ from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.profile_interval import bound_intervals
+from smsid.estimation.scale_conflict import scale_conflict
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.combinations import Combination
@@ -141,6 +142,9 @@ def _identify(
     else:
         raise _restless(flights)
     disagree = contradictions(found, rows[:own], quality.widening)
+    scale, untold = scale_conflict(found, flights, quality.widening)
+    conflicts = [c.sentence for c in (quality.conflict, scale) if c is not None]
+    quality = replace(quality, conflict=quality.conflict or scale)
     spread = gradient @ covariance @ gradient.T * quality.widening**2
     shares = _prior_shares(found, gradient, covariance)
     limits = bound_intervals(found, quality.widening)
@@ -149,7 +153,9 @@ def _identify(
         _within_bounds(_judged(r, float(s), float(share), bent.get(k), quality), unknowns, limits)
         for k, (r, s, share) in enumerate(judgements)
     ]
-    notes = [quality.sentence, *(c.sentence for c in disagree), *doubts]
+    told = [quality.sentence, *conflicts, *(c.sentence for c in disagree), *doubts]
+    notes = list(dict.fromkeys(told))
+    notes += [f"nothing tells the scale of '{c}': masses and inertias go with it" for c in untold]
     notes += [f"{f.label}: {n}" for f in flights for n in f.notes]
     notes += [f"'{n}' is not estimated: {why}" for n, why in asked.held.items()]
     if quality.widening > 1.0:
@@ -247,9 +253,11 @@ def _restless(flights: Sequence[Flight]) -> NotIdentifiableError:
             advice="Say how well it is known, as in --start attitude=0.02,rate=0.01 (rad, rad/s).",
             attitude=wide,
         )
+    doubts = [f"'{f.label}' is {n}. " for f in flights for n in f.notes if n.startswith("doubtful")]
     return NotIdentifiableError(
         "The search for the most likely parameters does not come to rest.",
-        advice="Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
+        advice="".join(doubts)
+        + "Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import kstest
 
 from smsid.estimation import contradictions as module
-from smsid.estimation.contradictions import Part, contradictions_of
+from smsid.estimation.contradictions import Contradiction, Part, contradictions_of
 from smsid.likelihood.combinations import Combination
 
 LARGE = np.logspace(0.0, 14.0, 15)  # information on parameters, in that of the prior
@@ -84,3 +84,12 @@ def test_a_difference_in_what_is_told_best_is_named():
     found = contradictions_of(parts(rng, apart=20.0), np.eye(15), rows())
     assert found and found[0].p_value < 1e-6
     assert not contradictions_of(parts(np.random.default_rng(7)), np.eye(15), rows())
+
+
+def test_a_difference_of_mass_asks_for_the_scale_of_what_drives_as_well():
+    apart = ("total.mass", 2257.0, 2458.0, 57.0)
+    said = Contradiction("exp1", 1e-9, (apart,)).sentence
+    assert "Were they flown with the same spacecraft?" in said
+    assert "'command.force'" in said and "'wheel_rate'" in said and "0.918" in said
+    other = Contradiction("exp1", 1e-9, (("link3.mx", 50.0, 60.0, 9.0),)).sentence
+    assert "scaled" not in other

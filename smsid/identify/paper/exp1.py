@@ -39,6 +39,7 @@ from smsid.sensing import zero_phase
 TANK_REPLICATES = 8  # of noise once more, where there are several tanks
 FEW_STEPS = 1e-2  # of all samples: a thrust that changes more often has no steps
 HOLDING = 2e-3  # [rad/s] body rate up to which the attitude counts as held
+ARM_HELD = 0.02  # [rad, m] of an arm's joints up to which it counts as held
 NOISE_SIGMAS = 5.0  # of the gyro's stated noise that are no rotation
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 
@@ -149,6 +150,16 @@ def _check_attitude_held(model: SpacecraftModel, recording: Recording) -> None:
             rate=worst,
             other_flight=True,
         )
+    for channel in (c for c in recording.channels if c.partition(".")[2] == "joint_position"):
+        low, high = np.nanpercentile(recording[channel], (1, 99), axis=0)
+        if not channel.startswith("truth.") and (moved := float((high - low).max())) > ARM_HELD:
+            raise NotIdentifiableError(
+                f"The arm moves by {moved:.3g} rad (or m) in '{recording.name}', so it is no Exp. 1 (pure "
+                "translation).",
+                advice=f"Hold the joints to {ARM_HELD:g}.",
+                moved=moved,
+                other_flight=True,
+            )
 
 
 def _check_start(model: SpacecraftModel, recording: Recording) -> list[str]:

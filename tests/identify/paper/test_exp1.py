@@ -262,6 +262,16 @@ def test_rotation_is_refused(model):
         identify_translation(model, [turning])
 
 
+def test_an_arm_that_moves_meanwhile_is_refused_and_one_that_trembles_is_not(model):
+    t = recording("x").time()
+    moving, trembling = (size * np.sin(0.1 * t)[:, None] * [0.0, 1.0, 0.0] for size in (0.3, 1e-3))
+    with pytest.raises(NotIdentifiableError, match=r"The arm moves by 0.6 .*'exp1'") as caught:
+        identify_translation(model, [recording("x", **{"encoder.joint_position": moving})])
+    assert caught.value.evidence["other_flight"]
+    held = recording("x", **{"encoder.joint_position": trembling})
+    assert identify_translation(model, [held]).mass == pytest.approx(M, rel=1e-4)
+
+
 def test_the_noise_of_a_cheap_gyro_is_no_rotation():
     noise = np.random.default_rng(8).normal(scale=2e-3, size=(12001, 3))
     noisy_gyro = recording("x", **{"imu.angular_rate": noise})
