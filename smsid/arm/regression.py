@@ -23,7 +23,8 @@ MOST_ORDER = 6
 """Samples of its past that a residual is regressed on, at most."""
 
 LEFT = 0.05
-"""Least share of a residual that is taken to be left after the fit, at frequencies where the fit takes all."""
+"""Least share of the errors that is taken to be left by the fit, where it takes all: at a frequency, or of what
+one stretch alone tells."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ def solve_joints(
     torque: np.ndarray,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
     *,
+    gain_sigma: np.ndarray | None = None,
     rough: bool = False,
 ) -> JointRegression:
     """Weighted least squares with one weight per joint, found with it; covariance from stretches of time.
@@ -65,6 +67,7 @@ def solve_joints(
         torque: (N, joints) [N m].
         prior: means and standard deviations (n,), infinite where nothing is known; these weigh as much as the
             equations of one correlation length do.
+        gain_sigma: (joints,) relative standard deviations of what torques were multiplied by.
         rough: take errors for equally large everywhere, in the covariance: for steps on the way.
 
     Raises:
@@ -122,6 +125,11 @@ def solve_joints(
     else:
         stretches = int(np.clip(samples // (PER_STRETCH * max(lags, 1)), *STRETCHES))
         covariance = stretch_covariance(rows / scale / noise[:, None], white, stretches, weighted[:, :-1])
+    if gain_sigma is not None:
+        root = np.linalg.inv(triangle[:n, :n])
+        forces = np.einsum("tjn,tj->nj", rows, torque * gain_sigma / noise**2) / scale[:, None]
+        moved = root @ root.T @ forces
+        covariance = covariance + moved @ moved.T
     covariance *= np.outer(1.0 / scale, 1.0 / scale)
     return JointRegression(x, covariance, noise, lags, float(singular[0] / singular[-1]))
 
@@ -141,10 +149,10 @@ def stretch_covariance(
     """Return the covariance (n, n) of least squares whose errors are correlated and uneven, from stretches
     of time.
 
-    A stretch moves the estimate by ``(I - H_g)^-1/2 Q_g' e_g`` in coordinates where the information is I
-    (Bell and McCaffrey 2002, CR2: exact for white errors). Its spread over few stretches is itself uncertain:
-    it is shrunk (Ledoit and Wolf 2004) to what errors that are alike at all times, of the spectrum of every
-    joint's residual, would give.
+    Without a stretch the estimate is moved by ``(I - H_g)^-1 Q_g' e_g`` in coordinates where the information
+    is I (the jackknife of clusters: MacKinnon, Nielsen and Webb 2023, CV3). The spread over few stretches is
+    itself uncertain: it is shrunk (Ledoit and Wolf 2004) to what errors that are alike at all times, of the
+    spectrum of every joint's residual, would give.
 
     Args:
         rows: (N, joints, n) whitened by the noise of every joint.
@@ -164,7 +172,7 @@ def stretch_covariance(
     moved = np.empty((count, n))
     for g, part in enumerate(np.split(basis, starts[1:])):
         share, axes = np.linalg.eigh(np.tensordot(part, part, ((0, 1), (0, 1))))
-        moved[g] = axes / np.sqrt(np.maximum(1.0 - share, 1e-6)) @ (axes.T @ scores[g])
+        moved[g] = axes / np.maximum(1.0 - share, LEFT) @ (axes.T @ scores[g])
     target = sum(_spectral_spread(basis[:, j], residual[:, j], count // 2) for j in range(joints))
     each = moved * np.sqrt(float(count))
     spread = each.T @ each / count

@@ -93,6 +93,7 @@ def identify_and_judge(
         description = description.with_effects(BaseTilt(name="base_tilt"))
     found: JudgedArm
     untold: tuple[str, ...] = ()
+    doubt: dict[str, float] = {}
     servos = is_of_servos(recordings)
     if gains and servos:
         raise RecordingError(
@@ -103,12 +104,14 @@ def identify_and_judge(
         unknown = [j for j in held_joints(joints, gains, option="--gain") if j not in idle]
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]
-        description, untold = _with_gains(description, train[0], cutoff, held, unknown)
+        description, untold, doubt = _with_gains(description, train[0], cutoff, held, unknown)
     with working("identifying the arm"):
         if servos:
             found = identify_servos(with_servos(description, joints), train, cutoff=cutoff, hold=held)
         else:
-            found = identify_arm(description, train, cutoff=cutoff, hold=held, without=untold)
+            found = identify_arm(
+                description, train, cutoff=cutoff, hold=held, without=untold, gain_sigma=doubt
+            )
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)
     others = [r for r in recordings if r is not train[0]]
@@ -133,9 +136,9 @@ def _with_gains(
     cutoff: float | None,
     held: Mapping[str, float],
     unknown: Collection[str],
-) -> tuple[Description, tuple[str, ...]]:
-    """Return the description with those of the unknown gains that can be told, and the other joints; print
-    all of them.
+) -> tuple[Description, tuple[str, ...], dict[str, float]]:
+    """Return the description with those of the unknown gains that can be told, the other joints, and the
+    gains' relative standard deviations; print all of them.
 
     Raises:
         NotIdentifiableError: no joint's gain is known.
@@ -155,7 +158,8 @@ def _with_gains(
         raise NotIdentifiableError(
             "No joint's gain can be told.", advice="Move the joints so that gravity or inertia shows."
         )
-    return with_torque_gains(description, [s for s in scales if s.sure]), untold
+    sure = [s for s in scales if s.sure]
+    return with_torque_gains(description, sure), untold, {s.joint: s.sigma / abs(s.value) for s in sure}
 
 
 def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]]) -> None:

@@ -7,8 +7,9 @@ import pinocchio as pin
 import pytest
 from scipy.signal import lfilter
 
-from smsid.arm import identify_arm, with_joint_effects
+from smsid.arm import identify_arm, torque_scales, with_joint_effects, with_torque_gains
 from smsid.arm.regression import solve_joints
+from smsid.arm.torque_calibration import with_signal_gears
 from smsid.description import Description
 from smsid.recording import Recording
 
@@ -134,6 +135,29 @@ def test_misfit_widens_intervals(rng):
     even = solve_joints(rows, torque)
     uneven = solve_joints(rows, torque + drift[:, None] * rows[:, :, 0])
     assert uneven.sigma[0] > 0.15 and even.sigma[0] < 0.01
+
+
+def test_what_is_not_known_of_a_gain_is_in_the_intervals(arm, clean):
+    """Currents of a joint whose gain is found from its links: friction is no better known than the gain."""
+    t, q, v, rigid = (x[:1000] if hasattr(x, "shape") else x for x in clean(50.0))
+    scores, shares = [], []
+    for seed in range(SEEDS):
+        draw = np.random.default_rng(200 + seed)
+        torque = (
+            rigid + 20.0 * VISCOUS * v + COULOMB * np.tanh(v / 0.05) + [2.0, 1.0] * draw.normal(size=v.shape)
+        )
+        channels = {"e.joint_position": q + 1e-5 * draw.normal(size=q.shape), "d.joint_torque": torque / 0.5}
+        log = Recording.from_arrays(t, channels, labels={"joint": ("j1", "j2")}, role="estimation")
+        geared, logs = with_signal_gears(arm, [log], ("j1", "j2"))
+        scales = torque_scales(geared, logs[0])
+        known = {s.joint: s.sigma / abs(s.value) for s in scales}
+        found = identify_arm(with_torque_gains(geared, scales), logs, gain_sigma=known).estimate
+        for k, x in enumerate(20.0 * VISCOUS, start=1):
+            own = found[f"friction_j{k}.viscous"]
+            scores.append((own.value - x) / own.sigma)
+            shares.append(own.sigma / x / known[f"j{k}"])
+    assert min(shares) > 1.0
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.3, scores
 
 
 def test_slow_errors_widen_what_slow_columns_tell(rng):
