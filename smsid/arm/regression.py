@@ -23,8 +23,8 @@ MOST_ORDER = 6
 """Samples of its past that a residual is regressed on, at most."""
 
 LEFT = 0.05
-"""Least share of the errors that is taken to be left by the fit, where it takes all: at a frequency, or of what
-one stretch alone tells."""
+"""Least share of the errors that the fit is taken to leave where it takes all: at a frequency, or of what one
+stretch alone tells."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def _spectral_spread(basis: np.ndarray, residual: np.ndarray, width: int) -> np.
 
     The spectrum is the residual's (N,): whitened by an autoregression, averaged over ``width`` frequencies
     to either side, and coloured again (Andrews and Monahan 1992); for what the fit took out at each frequency
-    it is made up.
+    it is made up. It is nowhere below its mean: that would narrow intervals by what may be chance.
     """
     samples = len(residual)
     past = autoregression(residual, min(MOST_ORDER, samples // 20))
@@ -200,6 +200,7 @@ def _spectral_spread(basis: np.ndarray, residual: np.ndarray, width: int) -> np.
     window = np.ones(2 * width + 1)
     power, left = (np.convolve(np.pad(x, width, mode="reflect"), window, "valid") for x in (power, left))
     power = power / np.maximum(left, LEFT * window.size) / gain
+    power = np.maximum(power, np.mean(power))
     both = np.full(len(power), 2.0)  # frequencies below zero
     both[[0, -1] if samples % 2 == 0 else [0]] = 1.0
     return np.real(waves.conj().T @ (waves * (power * both)[:, None]))

@@ -72,7 +72,8 @@ def solve_equations(
 ) -> SolvedEquations:
     """Solve with the shapes of friction, the base's tilt and the lateness of angles free in the covariance.
 
-    ``gain_sigma`` (nv,) are relative standard deviations of the gains that torques were found with. The load that friction depends on is what is predicted: what is measured has noise.
+    ``gain_sigma`` (nv,) are relative standard deviations of the gains that torques were found with. The load
+    that friction depends on is what is predicted: what is measured has noise.
     """
     load, described = torques.torque, torques
     tilt, late = level.own + FIRST if level else np.zeros(0), IN_STEP

