@@ -93,7 +93,7 @@ def identify_and_judge(
         description = description.with_effects(BaseTilt(name="base_tilt"))
     found: JudgedArm
     untold: tuple[str, ...] = ()
-    doubt: dict[str, float] = {}
+    gain_sigma: dict[str, float] = {}
     servos = is_of_servos(recordings)
     if gains and servos:
         raise RecordingError(
@@ -104,13 +104,13 @@ def identify_and_judge(
         unknown = [j for j in held_joints(joints, gains, option="--gain") if j not in idle]
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]
-        description, untold, doubt = _with_gains(description, train[0], cutoff, held, unknown)
+        description, untold, gain_sigma = _with_gains(description, train[0], cutoff, held, unknown)
     with working("identifying the arm"):
         if servos:
             found = identify_servos(with_servos(description, joints), train, cutoff=cutoff, hold=held)
         else:
             found = identify_arm(
-                description, train, cutoff=cutoff, hold=held, without=untold, gain_sigma=doubt
+                description, train, cutoff=cutoff, hold=held, without=untold, gain_sigma=gain_sigma
             )
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)

@@ -168,7 +168,7 @@ def test_slow_errors_widen_what_slow_columns_tell(rng):
     rows = np.concatenate([slow, rng.normal(size=(n, 8))], axis=1)[:, None, :]
     found = []
     for _ in range(draws):
-        errors = lfilter([1.0], [1.0, -0.9], rng.normal(size=(n + 100, 1)), axis=0)[100:]
+        errors = np.asarray(lfilter([1.0], [1.0, -0.9], rng.normal(size=(n + 100, 1)), axis=0))[100:]
         solved = solve_joints(rows, errors)
         found.append(solved.x / solved.sigma)
     inside = np.mean(np.abs(found) < 1.96, axis=0)
