@@ -41,9 +41,6 @@ USUAL = {SIGN_FIELD: 0.01, "stribeck_rate": 0.1}
 
 WITHIN = 4.0
 
-TOLD = 6.6
-"""Fall of chi-squared from which on friction, or its width, is told (1 % of chance)."""
-
 STEPS = {SIGN_FIELD: 13, "stribeck_rate": 7}
 DIFFERENCE = 0.05
 SENTENCES = {
@@ -57,7 +54,7 @@ class FrictionShape:
     """A parameter of an effect's friction that torques are not linear in: ``value`` [rad/s | m/s].
 
     ``field`` is ``smoothing`` or ``stribeck_rate``. ``status``: ``found``, ``stated`` by the description, or
-    ``unseen`` (no friction to tell it from). ``sigma`` is the standard deviation of its logarithm.
+    ``unseen`` (no torque that is used depends on it). ``sigma`` is the standard deviation of its logarithm.
     """
 
     effect: str
@@ -218,21 +215,17 @@ class _Search:
             made = self._columns(logs)
             return [np.column_stack([made[n][:, i] for n in shaped]) for i in range(len(parts))]
 
-        at_centre = stacked(centre)
-        if sum(p.gain(c) for p, c in zip(parts, at_centre, strict=True)) < TOLD:
-            return None
-        lags = max(correlation_lags(p.after(c)[:, None]) for p, c in zip(parts, at_centre, strict=True))
-
-        def gain(point: Sequence[float]) -> float:
-            columns = stacked(dict(zip(free, point, strict=True)))
-            fall = sum(p.gain(c) for p, c in zip(parts, columns, strict=True))
-            far = sum(((x - centre[f]) / np.log(WITHIN)) ** 2 for f, x in zip(free, point, strict=True))
-            return fall / max(lags, 1) - far  # errors alike count once
-
         grids = [np.linspace(np.log(bounds[f][0]), np.log(bounds[f][1]), STEPS[f]) for f in free]
-        return {
-            f: float(np.exp(x)) for f, x in zip(free, max(itertools.product(*grids), key=gain), strict=True)
-        }
+        points = [dict(zip(free, map(float, x), strict=True)) for x in itertools.product(*grids)]
+        falls = [sum(p.gain(c) for p, c in zip(parts, stacked(x), strict=True)) for x in points]
+        likeliest = stacked(points[int(np.argmax(falls))])
+        lags = max(correlation_lags(p.after(c)[:, None]) for p, c in zip(parts, likeliest, strict=True))
+
+        def gain(k: int) -> float:
+            far = sum(((points[k][f] - centre[f]) / np.log(WITHIN)) ** 2 for f in free)
+            return falls[k] / max(lags, 1) - far  # errors alike count once
+
+        return {f: float(np.exp(x)) for f, x in points[max(range(len(points)), key=gain)].items()}
 
     def _columns(self, logs: Mapping[str, float]) -> dict[str, np.ndarray]:
         shapes = {f: float(np.exp(x)) for f, x in logs.items()}

@@ -107,6 +107,7 @@ def identify_arm(
     cutoff: float | None = None,
     hold: Mapping[str, float] | None = None,
     without: Collection[str] = (),
+    gain_sigma: Mapping[str, float] | None = None,
 ) -> ArmIdentification:
     """Identify the base parameters of a welded arm and its effects from motion and torque.
 
@@ -123,6 +124,7 @@ def identify_arm(
             is smoothed at what its own data say.
         hold: joints that did not move and were not measured, with their positions [rad | m].
         without: joints whose torque signals are not used, as their gain is not known.
+        gain_sigma: relative standard deviations of the gains of torque signals, by joint, for the intervals.
 
     Raises:
         DescriptionError: not a welded arm, or an effect that does not enter torques linearly.
@@ -137,7 +139,9 @@ def identify_arm(
     smoothed = time.perf_counter()
     tilt = tilt_of(description.effect)
     nominal = np.asarray(description.gravity)
-    kept = np.array([n not in without for n in list(model.pin.names)[1:]])
+    names = list(model.pin.names)[1:]
+    kept = np.array([n not in without for n in names])
+    doubt = np.array([gain_sigma.get(n, 0.0) for n in names]) if gain_sigma else None
     shown = with_gravity(model, tilted_gravity(nominal, *SHOWN)) if tilt else model
     base = structural_base(shown, kept=kept)
     torques = joint_torques(model, motion, block_length(motion, cutoff))
@@ -145,7 +149,7 @@ def identify_arm(
         torques = torques.only(np.broadcast_to(kept, torques.torque.shape))
     level = Level.of(model, motion, torques, tilt) if tilt else None
     built = time.perf_counter()
-    equations = solve_equations(model, motion, torques, base, level)
+    equations = solve_equations(model, motion, torques, base, level, doubt)
     shapes, torques, whole = equations.shapes, equations.torques, equations.regression
     count = len(base)
     solved = replace(whole, x=whole.x[:count], covariance=whole.covariance[:count, :count])

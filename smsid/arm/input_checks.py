@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +31,8 @@ class JointDoubt:
     """Something that looks wrong about a joint.
 
     ``kind`` is ``sign of angle``, ``sign of torque``, ``sign of axis`` (both turned), ``degrees``, ``order of
-    torques`` (``joint`` names both) or ``torque scale``; ``before`` and ``after`` are the relative torque
-    errors as recorded and as suggested (NaN for a scale).
+    torques`` (``joint`` names both) or ``torque scale``; ``before`` and ``after`` are the relative errors
+    as recorded and as suggested, of the torques that it touches (NaN for a scale).
     """
 
     joint: str
@@ -68,35 +68,45 @@ def joint_doubts(
         NotIdentifiableError: no joint moves.
     """
     seen = _Compared(description, recording, cutoff, hold)
-    none = np.ones(len(seen.names))
-    plain = seen.error(none, seen.torque)
-    trials: list[tuple[float, str, str, str]] = []
+    none, count = np.ones(len(seen.names)), len(seen.names)
+    every = range(count)
+    trials: list[tuple[np.ndarray, Sequence[int], str, str]] = []
     for k, name in enumerate(seen.names):
-        turned = np.where(np.arange(none.size) == k, -1.0, 1.0)
+        turned = np.where(np.arange(count) == k, -1.0, 1.0)
         reversed_torque = seen.torque * np.where(np.arange(seen.torque.shape[1]) == seen.index[k], -1.0, 1.0)
         trials += [
-            (seen.error(scale, torque), name, kind, f"Joint '{name}' fits the description with its {what}")
-            for kind, what, scale, torque in (
-                ("sign of angle", "angle turned round", turned, seen.torque),
-                ("sign of torque", "torque turned round", none, reversed_torque),
-                ("sign of axis", "angle and torque both turned round", turned, reversed_torque),
-                ("degrees", "angle in degrees", np.where(turned < 0.0, DEGREE, 1.0), seen.torque),
+            (seen.errors(scale, torque), on, kind, f"Joint '{name}' fits the description with its {what}")
+            for kind, what, scale, torque, on in (
+                ("sign of angle", "angle turned round", turned, seen.torque, every),
+                ("sign of torque", "torque turned round", none, reversed_torque, (k,)),
+                ("sign of axis", "angle and torque both turned round", turned, reversed_torque, every),
+                ("degrees", "angle in degrees", np.where(turned < 0.0, DEGREE, 1.0), seen.torque, every),
             )
         ]
-    for a, b in itertools.combinations(range(none.size), 2):
+    for a, b in itertools.combinations(every, 2):
         order = np.arange(seen.torque.shape[1])
         order[[seen.index[a], seen.index[b]]] = order[[seen.index[b], seen.index[a]]]
-        pair = (seen.names[a], seen.names[b])
-        told = "Joints '{}' and '{}' fit the description with their torques exchanged".format(*pair)
-        trials.append((seen.error(none, seen.torque[:, order]), ", ".join(pair), "order of torques", told))
-    least, name, kind, told = min(trials)
-    if least < MENDED * plain:
-        sentence = f"{told}: relative torque error {least:.3g} instead of {plain:.3g}."
-        return (JointDoubt(name, kind, plain, least, sentence),)
+        told = (
+            f"Joints '{seen.names[a]}' and '{seen.names[b]}' fit the description with their torques exchanged"
+        )
+        trials.append((seen.errors(none, seen.torque[:, order]), (a, b), "order of torques", told))
+    errors, on, kind, told = min(trials, key=lambda t: float(np.sum(t[0] ** 2)))
+    # what a change of torques does not touch may have a fault of its own
+    before, after = (
+        float(np.sqrt(np.mean(e[list(on)] ** 2))) for e in (seen.errors(none, seen.torque), errors)
+    )
+    if after < MENDED * before:
+        joint = ", ".join(seen.names[k] for k in on) if kind == "order of torques" else told.split("'")[1]
+        sentence = f"{told}: relative torque error {after:.3g} instead of {before:.3g}."
+        return (JointDoubt(joint, kind, before, after, sentence),)
+    return scale_doubts(torque_scales(description, recording, cutoff=cutoff, hold=hold))
+
+
+def scale_doubts(scales: Sequence[TorqueScale]) -> tuple[JointDoubt, ...]:
+    """Return joints whose torque signals are further than a factor of two from what their links need."""
+    far = [s for s in scales if s.sure and not 1.0 / FAR < s.value < FAR]
     return tuple(
-        JointDoubt(s.joint, "torque scale", float("nan"), float("nan"), _scale_sentence(s))
-        for s in torque_scales(description, recording, cutoff=cutoff, hold=hold)
-        if s.sure and not 1.0 / FAR < s.value < FAR
+        JointDoubt(s.joint, "torque scale", float("nan"), float("nan"), _scale_sentence(s)) for s in far
     )
 
 
@@ -107,7 +117,7 @@ def _scale_sentence(s: TorqueScale) -> str:
     )
     if s.value < 0.0:
         return told + "has it the wrong sign?"
-    return told + "is it a current, or measured at the motor before its gear?"
+    return told + "is it a current, measured at the motor before its gear, or is a load not described?"
 
 
 class _Compared:
@@ -134,15 +144,15 @@ class _Compared:
         self.temperature = None if motion.temperature is None else block_means(motion.temperature, starts)
         self._rows: dict[bytes, np.ndarray] = {}
 
-    def error(self, scale: np.ndarray, torque: np.ndarray) -> float:
-        """Return the relative error of torques (B, nv) with angles times ``scale`` (joints,).
+    def errors(self, scale: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Return the relative errors (joints,) of torques (B, nv) with angles times ``scale`` (joints,).
 
         One positive scale per joint for the links, and the effects are fitted.
         """
         rows = self._at(scale)
         links, extra = rows[:, :, : self.theta.size] @ self.theta, rows[:, :, self.theta.size :]
-        square = 0.0
-        for j in range(torque.shape[1]):
+        out = np.zeros(len(self.names))
+        for k, j in enumerate(self.index.tolist()):
             own = extra[:, j]
             own = own[:, np.any(own != 0.0, axis=0)]
             size = np.linalg.norm(torque[:, j])
@@ -150,8 +160,8 @@ class _Compared:
             x = np.linalg.lstsq(columns, torque[:, j], rcond=1e-10)[0]
             if x[0] < 0.0:  # the links' torque has one sign
                 x = np.concatenate([[0.0], np.linalg.lstsq(own, torque[:, j], rcond=1e-10)[0]])
-            square += float(np.sum((torque[:, j] - columns @ x) ** 2)) / size**2 if size > 0.0 else 0.0
-        return float(np.sqrt(square / torque.shape[1]))
+            out[k] = float(np.linalg.norm(torque[:, j] - columns @ x)) / size if size > 0.0 else 0.0
+        return out
 
     def _at(self, scale: np.ndarray) -> np.ndarray:
         key = scale.tobytes()

@@ -19,6 +19,14 @@ PER_STRETCH = 5
 """Lengths of the residual's correlation that a stretch has at least, if six of them fit in the recording."""
 
 
+MOST_ORDER = 6
+"""Samples of its past that a residual is regressed on, at most."""
+
+LEFT = 0.05
+"""Least share of the errors that the fit is taken to leave where it takes all: at a frequency, or of what one
+stretch alone tells."""
+
+
 @dataclass(frozen=True)
 class JointRegression:
     """Solution of torque = rows x.
@@ -45,6 +53,7 @@ def solve_joints(
     torque: np.ndarray,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
     *,
+    gain_sigma: np.ndarray | None = None,
     rough: bool = False,
 ) -> JointRegression:
     """Weighted least squares with one weight per joint, found with it; covariance from stretches of time.
@@ -58,6 +67,7 @@ def solve_joints(
         torque: (N, joints) [N m].
         prior: means and standard deviations (n,), infinite where nothing is known; these weigh as much as the
             equations of one correlation length do.
+        gain_sigma: (joints,) relative standard deviations of what torques were multiplied by.
         rough: take errors for equally large everywhere, in the covariance: for steps on the way.
 
     Raises:
@@ -115,6 +125,11 @@ def solve_joints(
     else:
         stretches = int(np.clip(samples // (PER_STRETCH * max(lags, 1)), *STRETCHES))
         covariance = stretch_covariance(rows / scale / noise[:, None], white, stretches, weighted[:, :-1])
+    if gain_sigma is not None:
+        root = np.linalg.inv(triangle[:n, :n])
+        forces = np.einsum("tjn,tj->nj", rows, torque * gain_sigma / noise**2) / scale[:, None]
+        moved = root @ root.T @ forces
+        covariance = covariance + moved @ moved.T
     covariance *= np.outer(1.0 / scale, 1.0 / scale)
     return JointRegression(x, covariance, noise, lags, float(singular[0] / singular[-1]))
 
@@ -134,10 +149,10 @@ def stretch_covariance(
     """Return the covariance (n, n) of least squares whose errors are correlated and uneven, from stretches
     of time.
 
-    A stretch moves the estimate by ``(I - H_g)^-1/2 Q_g' e_g`` in coordinates where the information is I
-    (Bell and McCaffrey 2002, CR2: exact for white errors). Its spread over few stretches is itself uncertain:
-    it is shrunk to what every joint's errors, alike in all directions, would give (Ledoit and Wolf 2004).
-    Where a joint's errors grow by no more than chance allows, they are white.
+    Without a stretch the estimate is moved by ``(I - H_g)^-1 Q_g' e_g`` in coordinates where the information
+    is I (the jackknife of clusters: MacKinnon, Nielsen and Webb 2023, CV3). The spread over few stretches is
+    itself uncertain: it is shrunk (Ledoit and Wolf 2004) to what errors that are alike at all times, of the
+    spectrum of every joint's residual, would give.
 
     Args:
         rows: (N, joints, n) whitened by the noise of every joint.
@@ -153,33 +168,61 @@ def stretch_covariance(
     basis = (flat @ root).reshape(samples, joints, n)
     count = int(min(stretches, max(samples // 10, 2)))
     starts = np.linspace(0, samples, count, endpoint=False).astype(int)
-    scores = np.add.reduceat(basis * residual[:, :, None], starts, axis=0)  # (count, joints, n)
-    parts = np.split(basis.transpose(1, 0, 2), starts[1:], axis=1)
-    held = np.array([p.transpose(0, 2, 1) @ p for p in parts])  # (count, joints, n, n)
-    shares = held.sum(axis=0)  # (joints, n, n), sum to I
+    scores = np.add.reduceat((basis * residual[:, :, None]).sum(axis=1), starts, axis=0)  # (count, n)
     moved = np.empty((count, n))
-    own = np.empty((count, joints))
-    expected = np.empty((count, joints))
-    for g in range(count):
-        share, axes = np.linalg.eigh(held[g].sum(axis=0))
-        lever = axes / np.sqrt(np.maximum(1.0 - share, 1e-6)) @ axes.T
-        moved[g] = lever @ scores[g].sum(axis=0)
-        own[g] = np.sum(scores[g] ** 2, axis=1)
-        # of white errors, what the fit took out of them reckoned in
-        expected[g] = [float(np.trace(h) - np.sum(h * h)) for h in held[g]]
-    grown = own.sum(axis=0) / np.maximum(expected.sum(axis=0), 1e-300)
-    doubt = np.sqrt(2.0 / np.maximum(count * np.einsum("jkk->j", shares), 1.0))
-    grown = np.where(grown < 1.0 + 2.0 * doubt, 1.0, grown)  # white, for all that can be told
-    target = np.einsum("j,jkl->kl", grown, shares)
+    for g, part in enumerate(np.split(basis, starts[1:])):
+        share, axes = np.linalg.eigh(np.tensordot(part, part, ((0, 1), (0, 1))))
+        moved[g] = axes / np.maximum(1.0 - share, LEFT) @ (axes.T @ scores[g])
+    target = sum(_spectral_spread(basis[:, j], residual[:, j], count // 2) for j in range(joints))
     each = moved * np.sqrt(float(count))
     spread = each.T @ each / count
     distance = float(np.sum((spread - target) ** 2))
     scatter = float(sum(np.sum((np.outer(z, z) - spread) ** 2) for z in each)) / count**2
-    white = bool(np.all(grown == 1.0))
-    share = 1.0 if white else min(scatter / max(distance, 1e-300), 1.0)
+    share = min(scatter / max(distance, 1e-300), 1.0)
     few = float(t.ppf(0.975, count - 1) / norm.ppf(0.975)) ** 2  # 95 % of a spread over few stretches
     told = prior @ root
     return root @ (share * target + (1.0 - share) * few * spread + told.T @ told) @ root.T
+
+
+def _spectral_spread(basis: np.ndarray, residual: np.ndarray, width: int) -> np.ndarray:
+    """Return the covariance (n, n) of ``basis.T @ errors``, of basis (N, n) and errors of a spectrum.
+
+    The spectrum is the residual's (N,): whitened by an autoregression, averaged over ``width`` frequencies
+    to either side, and coloured again (Andrews and Monahan 1992); for what the fit took out at each frequency
+    it is made up. It is nowhere below its mean: that would narrow intervals by what may be chance.
+    """
+    samples = len(residual)
+    past = autoregression(residual, min(MOST_ORDER, samples // 20))
+    gain = np.abs(np.fft.rfft(np.append(1.0, -past), samples)) ** 2
+    waves = np.fft.rfft(basis, axis=0) / np.sqrt(samples)
+    power = np.abs(np.fft.rfft(residual)) ** 2 / samples * gain
+    left = 1.0 - np.sum(np.abs(waves) ** 2, axis=1)
+    window = np.ones(2 * width + 1)
+    power, left = (np.convolve(np.pad(x, width, mode="reflect"), window, "valid") for x in (power, left))
+    power = power / np.maximum(left, LEFT * window.size) / gain
+    power = np.maximum(power, np.mean(power))
+    both = np.full(len(power), 2.0)  # frequencies below zero
+    both[[0, -1] if samples % 2 == 0 else [0]] = 1.0
+    return np.real(waves.conj().T @ (waves * (power * both)[:, None]))
+
+
+def autoregression(x: np.ndarray, most: int) -> np.ndarray:
+    """Return coefficients of the autoregression of x (n,) that Bayes's criterion prefers, of at most an
+    order; the first is that of the sample before.
+    """
+    n = len(x) - most
+    if most == 0 or n < 4 * most or not np.any(x):
+        return np.zeros(0)
+    past = np.column_stack([x[most - 1 - k : len(x) - 1 - k] for k in range(most)])
+    target = x[most:]
+    best, least = np.zeros(0), n * np.log(float(target @ target) / n)
+    for order in range(1, most + 1):
+        found = np.linalg.lstsq(past[:, :order], target, rcond=None)[0]
+        left = target - past[:, :order] @ found
+        value = n * np.log(max(float(left @ left), 1e-300) / n) + order * np.log(n)
+        if value < least:
+            best, least = found, value
+    return best
 
 
 class Projection:

@@ -68,10 +68,12 @@ def solve_equations(
     torques: JointTorques,
     base: BaseParameters,
     level: Level | None = None,
+    gain_sigma: np.ndarray | None = None,
 ) -> SolvedEquations:
     """Solve with the shapes of friction, the base's tilt and the lateness of angles free in the covariance.
 
-    The load that friction depends on is what is predicted: what is measured has noise.
+    ``gain_sigma`` (nv,) are relative standard deviations of the gains that torques were found with. The load
+    that friction depends on is what is predicted: what is measured has noise.
     """
     load, described = torques.torque, torques
     tilt, late = level.own + FIRST if level else np.zeros(0), IN_STEP
@@ -111,7 +113,7 @@ def solve_equations(
         moved = np.max(np.abs(solved.x[len(base) :]) / np.maximum(solved.sigma[len(base) :], 1e-12))
         settled = k == ROUNDS - 1 or (moved < SETTLED and (k > 0 or not loaded))
         if settled:
-            solved = solve_joints(every, torques.torque, (mean, sigma))
+            solved = solve_joints(every, torques.torque, (mean, sigma), gain_sigma=gain_sigma)
         sizes = {n: float(solved.x[i]) for n, i in places.items()}
         x = solved.x[: len(base)]
         new = []

@@ -11,7 +11,7 @@ import numpy as np
 from smsid._statistics import NORMAL95
 from smsid.arm.comparison import JudgedArm
 from smsid.arm.identify import identify_arm, rigid_arm
-from smsid.arm.input_checks import joint_doubts
+from smsid.arm.input_checks import joint_doubts, scale_doubts
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.readings import with_passive_joints
 from smsid.arm.servo import identify_servos, is_of_servos, with_servos
@@ -30,7 +30,7 @@ from smsid.recording import Recording
 from smsid.report.arm import arm_report
 
 DOUBTFUL = 0.3
-"""Relative error of the torques from on which the recording is compared with the described links."""
+"""Relative error of the torques from on which other signs, units and orders are tried."""
 
 
 def identify_and_judge(
@@ -93,6 +93,7 @@ def identify_and_judge(
         description = description.with_effects(BaseTilt(name="base_tilt"))
     found: JudgedArm
     untold: tuple[str, ...] = ()
+    gain_sigma: dict[str, float] = {}
     servos = is_of_servos(recordings)
     if gains and servos:
         raise RecordingError(
@@ -103,20 +104,26 @@ def identify_and_judge(
         unknown = [j for j in held_joints(joints, gains, option="--gain") if j not in idle]
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]
-        description, untold = _with_gains(description, train[0], cutoff, held, unknown)
+        description, untold, gain_sigma = _with_gains(description, train[0], cutoff, held, unknown)
     with working("identifying the arm"):
         if servos:
             found = identify_servos(with_servos(description, joints), train, cutoff=cutoff, hold=held)
         else:
-            found = identify_arm(description, train, cutoff=cutoff, hold=held, without=untold)
+            found = identify_arm(
+                description, train, cutoff=cutoff, hold=held, without=untold, gain_sigma=gain_sigma
+            )
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)
     others = [r for r in recordings if r is not train[0]]
     write_page(report, lambda o: arm_report(found, [train[0], *others], o), inputs)
     print_parts(estimate_parts(found.estimate, everything=everything))
     _print_judgement(found, judged)
-    if not servos and judged[0][2].relative > DOUBTFUL and np.any(Regressor(found.model).parameters):
-        for doubt in joint_doubts(description, train[0], cutoff=cutoff, hold=held):
+    if not servos and np.any(Regressor(found.model).parameters):
+        if judged[0][2].relative > DOUBTFUL:
+            doubts = joint_doubts(description, train[0], cutoff=cutoff, hold=held)
+        else:
+            doubts = scale_doubts(torque_scales(description, train[0], cutoff=cutoff, hold=held))
+        for doubt in doubts:
             say(f"doubt: {doubt.sentence}", style="yellow")
     for line in told(found.estimate.notes, everything=everything):
         say(line)
@@ -133,9 +140,9 @@ def _with_gains(
     cutoff: float | None,
     held: Mapping[str, float],
     unknown: Collection[str],
-) -> tuple[Description, tuple[str, ...]]:
-    """Return the description with those of the unknown gains that can be told, and the other joints; print
-    all of them.
+) -> tuple[Description, tuple[str, ...], dict[str, float]]:
+    """Return the description with those of the unknown gains that can be told, the other joints, and the
+    gains' relative standard deviations; print all of them.
 
     Raises:
         NotIdentifiableError: no joint's gain is known.
@@ -155,7 +162,8 @@ def _with_gains(
         raise NotIdentifiableError(
             "No joint's gain can be told.", advice="Move the joints so that gravity or inertia shows."
         )
-    return with_torque_gains(description, [s for s in scales if s.sure]), untold
+    sure = [s for s in scales if s.sure]
+    return with_torque_gains(description, sure), untold, {s.joint: s.sigma / abs(s.value) for s in sure}
 
 
 def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]]) -> None:

@@ -256,7 +256,7 @@ def _identified(
     told = [*(m.frequency for m in modes), *lines]
     faint = [f for f in middles if all(abs(f - other) > 2 * stability.frequency * f for other in told)]
     return AmbientModes(
-        modes, gaps, lines, slow_rate, window, diagram, tuple(sorted(faint)), _drift(pieces, rate)
+        modes, gaps, lines, slow_rate, window, diagram, tuple(sorted(faint)), _drift(pieces, rate, modes)
     )
 
 
@@ -294,10 +294,14 @@ def _prepared(y: np.ndarray, rate: float, factor: int, *, alike: bool) -> Prepar
     return [p * inverse for p in pieces], [p * inverse for p, _ in slow], slow_rate, scale
 
 
-def _drift(pieces: list[np.ndarray], rate: float) -> float:
-    """Return the share of the variance that moves fewer than `DRIFT_CYCLES` times in the longest piece."""
-    power = np.sum(np.abs(np.fft.rfft(max(pieces, key=len), axis=0)) ** 2, axis=1)
-    return float(power[1:DRIFT_CYCLES].sum() / max(power[1:].sum(), 1e-300))
+def _drift(pieces: list[np.ndarray], rate: float, modes: Sequence[AmbientMode]) -> float:
+    """Return the share of the variance that moves fewer than `DRIFT_CYCLES` times in the longest piece, and
+    well below the slowest mode found.
+    """
+    piece = max(pieces, key=len)
+    power = np.sum(np.abs(np.fft.rfft(piece, axis=0)) ** 2, axis=1)
+    slowest = min((0.5 * m.frequency * len(piece) / rate for m in modes), default=np.inf)
+    return float(power[1 : int(min(DRIFT_CYCLES, slowest))].sum() / max(power[1:].sum(), 1e-300))
 
 
 def _is_line(group: list[Mode], line: float) -> bool:

@@ -49,6 +49,14 @@ def test_a_current_in_place_of_a_torque_is_named(arm, log):
     assert "0.02" in doubt.sentence and "current" in doubt.sentence
 
 
+def test_exchanged_torques_are_named_beside_a_joint_with_a_fault_of_its_own(arm, log, rng):
+    t, q, _, torque = log
+    noisy = np.column_stack([torque[:, 1], torque[:, 0], 10.0 * rng.normal(size=t.size)])
+    (doubt,) = joint_doubts(arm, recorded(t, q, noisy))
+    assert (doubt.joint, doubt.kind) == ("joint1, joint2", "order of torques")
+    assert doubt.after < 0.05
+
+
 def test_links_that_are_off_by_a_third_raise_no_doubt(arm, log):
     t, q, _, torque = log
     assert joint_doubts(arm, recorded(t, q, 1.3 * torque)) == ()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.signal import lfilter
 
-from smsid.arm import identify_arm, with_joint_effects
+from smsid.arm import identify_arm, torque_scales, with_joint_effects, with_torque_gains
 from smsid.arm.regression import solve_joints
+from smsid.arm.torque_calibration import with_signal_gears
 from smsid.description import Description
 from smsid.recording import Recording
 
@@ -133,3 +135,62 @@ def test_misfit_widens_intervals(rng):
     even = solve_joints(rows, torque)
     uneven = solve_joints(rows, torque + drift[:, None] * rows[:, :, 0])
     assert uneven.sigma[0] > 0.15 and even.sigma[0] < 0.01
+
+
+def test_what_is_not_known_of_a_gain_is_in_the_intervals(arm, clean):
+    """Currents of a joint whose gain is found from its links: friction is no better known than the gain."""
+    t, q, v, rigid = (x[:1000] if hasattr(x, "shape") else x for x in clean(50.0))
+    scores, shares = [], []
+    for seed in range(SEEDS):
+        draw = np.random.default_rng(200 + seed)
+        torque = (
+            rigid + 20.0 * VISCOUS * v + COULOMB * np.tanh(v / 0.05) + [2.0, 1.0] * draw.normal(size=v.shape)
+        )
+        channels = {"e.joint_position": q + 1e-5 * draw.normal(size=q.shape), "d.joint_torque": torque / 0.5}
+        log = Recording.from_arrays(t, channels, labels={"joint": ("j1", "j2")}, role="estimation")
+        geared, logs = with_signal_gears(arm, [log], ("j1", "j2"))
+        scales = torque_scales(geared, logs[0])
+        known = {s.joint: s.sigma / abs(s.value) for s in scales}
+        found = identify_arm(with_torque_gains(geared, scales), logs, gain_sigma=known).estimate
+        for k, x in enumerate(20.0 * VISCOUS, start=1):
+            own = found[f"friction_j{k}.viscous"]
+            scores.append((own.value - x) / own.sigma)
+            shares.append(own.sigma / x / known[f"j{k}"])
+    assert min(shares) > 1.0
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.3, scores
+
+
+def test_slow_errors_widen_what_slow_columns_tell(rng):
+    """Coloured errors count by the frequencies of a column: a slow one is told worse than a fast one."""
+    n, draws = 800, 150
+    waves = np.arange(1, 9)
+    slow = np.cos(2.0 * np.pi * np.outer(np.arange(n) / n, waves) + rng.uniform(0.0, 6.0, 8))
+    rows = np.concatenate([slow, rng.normal(size=(n, 8))], axis=1)[:, None, :]
+    found = []
+    for _ in range(draws):
+        errors = np.asarray(lfilter([1.0], [1.0, -0.9], rng.normal(size=(n + 100, 1)), axis=0))[100:]
+        solved = solve_joints(rows, errors)
+        found.append(solved.x / solved.sigma)
+    inside = np.mean(np.abs(found) < 1.96, axis=0)
+    assert 0.90 < inside[:8].mean() < 0.98
+    assert 0.6 < np.sqrt(np.mean(np.square(found)[:, 8:])) < 1.05  # not by what slow columns are
+
+
+def test_friction_of_joints_that_turn_one_way_is_found_by_its_width(arm):
+    """At the width that is expected first the sign never changes: friction is an offset."""
+    model = pin.buildModelFromXML(URDF)
+    t = np.arange(0.0, 18.0, 0.01)
+    omega = 2.0 * np.pi * np.array([[0.3, 0.5], [0.47, 0.21]])
+    v = 0.45 + 0.2 * np.sin(t[:, None] * omega[0]) + 0.2 * np.sin(t[:, None] * omega[1])
+    a = 0.2 * np.sum(omega * np.cos(t[:, None, None] * omega), axis=1)
+    q = 0.45 * t[:, None] - np.sum(0.2 / omega * np.cos(t[:, None, None] * omega), axis=1)
+    rigid = np.array([pin.rnea(model, model.createData(), *x) for x in zip(q, v, a, strict=True)])
+    draw = np.random.default_rng(0)
+    torque = rigid + VISCOUS * v + COULOMB * np.tanh(v / 0.2) + 0.05 * draw.normal(size=v.shape)
+    channels = {"e.joint_position": q + 1e-5 * draw.normal(size=q.shape), "d.joint_torque": torque}
+    log = Recording.from_arrays(t, channels, labels={"joint": ("j1", "j2")}, role="estimation")
+    found = identify_arm(with_joint_effects(arm, ("j1", "j2"), "torque_offset"), log)
+    assert [s.status for s in found.shapes] == ["found", "found"]
+    for k, x in enumerate(COULOMB, start=1):
+        own = found.estimate[f"friction_j{k}.coulomb"]
+        assert abs(own.value - x) < 3.0 * own.sigma < 0.5 * x

@@ -129,6 +129,15 @@ def test_neither_units_nor_a_drift_nor_a_gap_nor_a_dead_output_choose_the_modes(
     assert abs(mode.frequency - 7.0) < 3.0 * np.hypot(mode.frequency_sigma, 0.01)
 
 
+def test_a_mode_of_a_short_decay_is_no_drift():
+    t = np.arange(0.0, 4.0, 0.005)
+    y = np.exp(-0.4 * t) * np.cos(2.0 * np.pi * 3.2 * t) + 0.005 * np.random.default_rng(0).normal(
+        size=t.size
+    )
+    found = ambient_modes(y, 200.0, highest_frequency=30.0, replicates=2)
+    assert [round(m.frequency, 1) for m in found.modes] == [3.2] and found.drift < 0.1
+
+
 def test_what_moves_slowly_is_told_as_a_drift():
     y = structure(CLOSE[:1])[:6000, :2]
     wander = 100.0 * np.sin(2 * np.pi * 3.0 * np.linspace(0.0, 1.0, len(y)))[:, None]

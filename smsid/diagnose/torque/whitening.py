@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, f
 
-MOST_ORDER = 6
-CLUSTERS = 40
+from smsid.arm.regression import MOST_ORDER, autoregression
 
+CLUSTERS = 40
 
 LEAST = 1e-12
 """Least standard deviation of an innovation [N m | N]: of a joint whose torque is nothing at all."""
@@ -52,28 +52,11 @@ class Whitening:
         most = min(MOST_ORDER, max(n // 20, 0))
         coefficients = np.zeros((joints, most))
         for j in range(joints):
-            own = _autoregression(residual[:, j], most)
+            own = autoregression(residual[:, j], most)
             coefficients[j, : len(own)] = own
         innovations = cls(coefficients, np.ones(joints)).apply(residual)
         variance = np.mean(innovations**2, axis=0) * n / np.maximum(n - np.asarray(parameters), n / 4)
         return cls(coefficients, np.sqrt(variance + floor**2 + LEAST**2))
-
-
-def _autoregression(x: np.ndarray, most: int) -> np.ndarray:
-    """Coefficients of the autoregression of x (n,) that Bayes's criterion prefers, up to order ``most``."""
-    n = len(x) - most
-    if most == 0 or n < 4 * most or not np.any(x):
-        return np.zeros(0)
-    past = np.column_stack([x[most - 1 - k : len(x) - 1 - k] for k in range(most)])
-    target = x[most:]
-    best, least = np.zeros(0), n * np.log(float(target @ target) / n)
-    for order in range(1, most + 1):
-        found = np.linalg.lstsq(past[:, :order], target, rcond=None)[0]
-        left = target - past[:, :order] @ found
-        value = n * np.log(max(float(left @ left), 1e-300) / n) + order * np.log(n)
-        if value < least:
-            best, least = found, value
-    return best
 
 
 def robust_p_value(basis: np.ndarray, residual: np.ndarray, ratio: float, samples: int) -> float:
