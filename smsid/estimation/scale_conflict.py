@@ -9,9 +9,10 @@ import numpy as np
 
 from smsid.effects import SensorScale, ThrusterGain
 from smsid.effects.base import Effect
+from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.input_hold import input_channels
-from smsid.estimation.normal_equations import NormalEquations, normal_equations
+from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.unknowns import effect_unknown
 
 KNOWN = 0.01  # relative error of a scale that thrusters and tachometers may have
@@ -77,10 +78,29 @@ def scale_conflict(
             untold.append(channel)
         elif abs(error) > max(APART * sigma, LEAST):
             ratio = 1.0 / (1.0 + error) if channel.startswith("command.") else 1.0 + error
-            wrong.append(((error / sigma) ** 2, (channel, ratio)))
-    wrong.sort(reverse=True)
-    likely = tuple(scale for chi2, scale in wrong if chi2 > RIVAL * wrong[0][0])
-    return (ScaleConflict(likely) if likely else None), tuple(untold)
+            step = joined @ (covariance @ joined.T @ whole.slope)
+            wrong.append(((error / sigma) ** 2, (channel, ratio), step))
+    wrong.sort(key=lambda x: -x[0])
+    least = 0.5 * (APART * widening) ** 2
+    if not any(_gained(whole, flights, step, least) for _, _, step in wrong):
+        return None, tuple(untold)
+    likely = tuple(scale for chi2, scale, _ in wrong if chi2 > RIVAL * wrong[0][0])
+    return ScaleConflict(likely), tuple(untold)
+
+
+def _gained(whole: NormalEquations, flights: Sequence[Flight], step: np.ndarray, least: float) -> bool:
+    """Whether the log-posterior rises by so much along a step (m,), in scales: then its maximum does, too.
+
+    A slope alone may promise what bends away: some parameters are told by no straight line.
+    """
+    for share in (1.0, 0.5):
+        try:
+            moved = whole.point.moved(whole.unknowns, share * step * whole.scales)
+            if whole.objective - objective_of(moved, whole.unknowns, flights) > least:
+                return True
+        except SmsidError:
+            continue
+    return False
 
 
 def _drives(flights: Sequence[Flight]) -> Iterator[tuple[str, list[Effect]]]:
