@@ -98,9 +98,11 @@ def draw(seed: int) -> dict[str, Any]:
     true = dict(zip(NAMES, body.inertial_parameters(), strict=True))
     if own:
         numbers = {n: own[0][n] for n in NAMES}
-        row["off"] = {n: round((q.value - true[n]) / q.sigma, 2) for n, q in numbers.items() if q.told}
-        row["inside"] = sum(q.interval[0] <= true[n] <= q.interval[1] for n, q in numbers.items() if q.told)
-        row["relative_sigma_of_mass"] = round(numbers["mass"].sigma / body.mass, 5)
+        row["off"] = {n: round(float((q.value - true[n]) / q.sigma), 2) for n, q in numbers.items() if q.told}
+        row["inside"] = sum(
+            bool(q.interval[0] <= true[n] <= q.interval[1]) for n, q in numbers.items() if q.told
+        )
+        row["relative_sigma_of_mass"] = round(float(numbers["mass"].sigma) / body.mass, 5)
     row["mixed"] = mixed([before("exp1", seed % 4), after[1]])
     return row | {"seconds": round(time.process_time() - began, 1)}
 
@@ -113,7 +115,7 @@ def mixed(recordings: list[Recording]) -> dict[str, Any]:
         return {"refused": str(error)[:300]}
     return {
         "named": bool(found.contradictions),
-        "p": min((c.p_value for c in found.contradictions), default=None),
+        "p": min((float(c.p_value) for c in found.contradictions), default=None),
         "parameters": [p[0] for c in found.contradictions for p in c.parameters][:3],
         "judgement": found.quality.judgement if found.quality else "",
     }
@@ -129,7 +131,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
             list(r["findings"][0][:2]) == ["body_grasped", "link3"] for r in draws if r["findings"]
         ),
         "parameters": len(off),
-        "coverage": round(sum(r.get("inside", 0) for r in draws) / max(len(off), 1), 4),
+        "coverage": round(float(sum(r.get("inside", 0) for r in draws)) / max(len(off), 1), 4),
         "largest": max(map(abs, off), default=None),
         "contradictions_named": sum(bool(r["mixed"].get("named") or "refused" in r["mixed"]) for r in draws),
         "pairs": len(pairs),
