@@ -106,13 +106,6 @@ def is_of_servos(recordings: Sequence[Recording]) -> bool:
     return COMMAND in names and bool(measured) and not any(n.endswith(others) for n in names)
 
 
-def with_servos(description: Description, joints: Sequence[str]) -> Description:
-    """Return the description with a servo of unknown gains on every joint that has none."""
-    taken = servos_of(description.effect)
-    new = [Servo(name=f"servo_{j.replace('/', '-')}", joint=j) for j in joints if j not in taken]
-    return description.with_effects(*new)
-
-
 def identify_servos(
     description: Description,
     recording: Recording | Sequence[Recording],

@@ -123,6 +123,9 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
     starts = {name: factor(_with_extent(theta)) for name, theta in free.items()}
     notes = [f"'{n}' has no mass in the URDF and none in the export" for n in own if n not in free]
     rows, target, sigma = _equations(model, estimate)
+    of_effects = {p.name for e in model.description.effect for p in e.parameters()}
+    if not len(target) and all(p.name in of_effects for p in estimate.parameters):
+        return IdentifiedBodies(own, 0.0, 0, (*notes, "no body was estimated: they stay as described"))
     if not len(target):
         raise DescriptionError(
             f"The estimate '{estimate.description}' has no inertial combination of "
