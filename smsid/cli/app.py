@@ -127,19 +127,6 @@ class _Wrapped(logging.Formatter):
         return wrapped(super().formatMessage(record), WIDTH)
 
 
-class _Once(logging.Filter):
-    """Lets every message through once: a command may load the same file several times."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.told: set[str] = set()
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        new = (text := record.getMessage()) not in self.told
-        self.told.add(text)
-        return new
-
-
 @app.callback()
 def _common(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="log what the library does")] = False,
@@ -149,7 +136,8 @@ def _common(
 ) -> None:
     own = logging.StreamHandler()
     own.setFormatter(_Wrapped("%(levelname)s %(name)s: %(message)s"))
-    own.addFilter(_Once())
+    told: dict[str, object] = {}  # once each: a command may load the same file several times
+    own.addFilter(lambda record: told.setdefault(record.getMessage(), record) is record)
     logging.basicConfig(handlers=[own])  # unless there are some
     for handler in logging.getLogger().handlers:
         handler.setLevel(logging.INFO if verbose else logging.WARNING)
