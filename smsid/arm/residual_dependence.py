@@ -51,16 +51,11 @@ def leftover_sentences(found: ArmIdentification) -> list[str]:
             "is missing that the model does not have. Intervals allow for how it scatters, not for what it "
             "shifts throughout. `smsid diagnose` looks for causes."
         )
-    hints = []
-    for k, n in _places(found):
-        hints.append(_hint(found, residual, k, n) or _friction_hint(found, residual, k, n))
+    joints = found.model.arm_joints
+    places = [(int(k), n) for k, n in zip(joints.v, joints.names, strict=True)]
+    hints = [_hint(found, residual, k, n) or _friction_hint(found, residual, k, n) for k, n in places]
     hints = [h for h in hints if h]
     return [first, *hints, *_level_hint(found, residual, PLAIN if hints else LAW)]
-
-
-def _places(found: ArmIdentification) -> list[tuple[int, str]]:
-    joints = found.model.arm_joints
-    return [(int(v), n) for v, n in zip(joints.v.tolist(), joints.names, strict=True)]
 
 
 def _hint(found: ArmIdentification, residual: np.ndarray, k: int, name: str) -> str:

@@ -128,15 +128,10 @@ class _Fit:
 
     def slopes(self) -> np.ndarray:
         """Derivatives (N, 2 k) by the poles."""
-        out = []
-        for k, (decay, omega) in enumerate(self.poles):
-            a, b = self.linear[2 + 2 * k : 4 + 2 * k]
-            envelope, cos, sin = np.exp(-decay * self.t), np.cos(omega * self.t), np.sin(omega * self.t)
-            out += [
-                -self.t * envelope * (a * cos + b * sin),
-                self.t * envelope * (b * cos - a * sin),
-            ]
-        return np.column_stack(out)
+        columns, t = self.columns(), self.t[:, None]
+        (cos, sin), (a, b) = ((x[..., 2::2], x[..., 3::2]) for x in (columns, self.linear))
+        slopes = np.stack([-t * (a * cos + b * sin), t * (b * cos - a * sin)], axis=2)
+        return slopes.reshape(len(slopes), -1)
 
     def result(self, scale: float) -> FreeDecay:
         columns = self.columns()
