@@ -76,7 +76,7 @@ def forces(model, moves, rng):
         0.3 * rng.standard_normal(model.nv),
     )
     acts = np.array([0, model.nv - 1])
-    return own, (acts, np.array([1e-3, 2e-3]), np.full(model.nv, 1e-4))
+    return own, (acts, np.array([[1e-3, 2e-3], [4e-4, 0.0], [3e-4, 2e-3]]), np.full(model.nv, 1e-4))
 
 
 def read(outputs, q, v, a, rng):
