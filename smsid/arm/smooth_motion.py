@@ -114,9 +114,12 @@ def smooth_motion(model: SpacecraftModel, recording: Recording) -> SmoothMotion:
     times = [readings.torque_time[i].mean(axis=1) for i, _ in chosen]
     numbers = [n for _, n in chosen]
     values = [
-        np.concatenate([_along(joints, n, t, d) for t, n in zip(times, numbers, strict=True)])
+        np.column_stack([
+            np.concatenate([j.splines[n](t, nu=d) for t, n in zip(times, numbers, strict=True)])
+            for j in joints
+        ])
         for d in range(3)
-    ]
+    ]  # fmt: skip
     time = np.concatenate(times)
     return SmoothMotion(
         time,
@@ -154,11 +157,6 @@ def joined_motion(motions: Sequence[SmoothMotion]) -> SmoothMotion:
     pairs = zip(*(m.joints for m in motions), strict=True)
     worst = tuple(max(js, key=lambda j: j.sigma[1]) for js in pairs)
     return replace(first, **{"temperature": None, **stacked}, stretch=stretch, joints=worst)
-
-
-def _along(joints: Sequence[SmoothJoint], number: int, times: np.ndarray, derivative: int) -> np.ndarray:
-    """Derivatives (n, joints) of the splines of one stretch."""
-    return np.column_stack([j.splines[number](times, nu=derivative) for j in joints])
 
 
 def _samples(readings: JointReadings, stretch: slice, joint: int) -> Samples:
