@@ -214,7 +214,9 @@ def _likeliest(
         made = columns(logs)
         return [(p, np.column_stack([made[n][:, i] for n in shaped])) for i, p in enumerate(parts)]
 
-    grids = [np.linspace(*np.log(own), STEPS[f]) for f, own in zip(free, bounds, strict=True)]
+    grids = [
+        np.linspace(np.log(own[0]), np.log(own[1]), STEPS[f]) for f, own in zip(free, bounds, strict=True)
+    ]
     points = np.array(list(itertools.product(*grids)))
     falls = np.array([sum(p.gain(c) for p, c in parted(x)) for x in points])
     lags = max(correlation_lags(p.after(c)[:, None]) for p, c in parted(points[falls.argmax()]))
