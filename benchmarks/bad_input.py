@@ -290,7 +290,8 @@ def row_of(case: Case, flights: Flights) -> dict[str, Any]:
     row: dict[str, Any] = {"case": case.name, "exit": code}
     if code:
         text = " ".join(said.split())
-        row |= {"outcome": "refused", "says": text[-600:], "names": all(w.lower() in text.lower() for w in case.words)}
+        named = all(w.lower() in text.lower() for w in case.words)
+        row |= {"outcome": "refused", "says": text[-600:], "names": named}
     else:
         row |= judged(case, load_estimate(out), flights)
     return row | {"seconds": round(time.process_time() - began, 1)}
