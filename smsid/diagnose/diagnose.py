@@ -207,13 +207,18 @@ def _diagnose(
     seen, every = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *every))
     named, partial, by, hints = every, (), found, []
-    if decided == "unexplained":
+    if decided == "unexplained" or found.misfit:
         # what explains a part only is a hint: a cause outside the catalogue looks like several within
-        by, stand = (found, ()) if is_piecewise_drift(every) else standing(found, every)
-        stand = stand or (False,) * len(every)
-        named = tuple(c for c, yes in zip(causes(by), stand, strict=True) if yes) if any(stand) else ()
-        partial = tuple(c for c, yes in zip(every, stand, strict=True) if not yes)
-        hints = [c.score.candidate for c, yes in zip(found.causes, stand, strict=True) if not yes]
+        stand: Sequence[FoundCause | None] = (None,) * len(every)
+        if not is_piecewise_drift(every):
+            by, stand = standing(found, every)
+        every = tuple(s or c for s, c in zip(stand, every, strict=True))
+        if decided == "unexplained":
+            named = tuple(s for s in stand if s)
+            partial = tuple(c for c, s in zip(every, stand, strict=True) if not s)
+            hints = [c.score.candidate for c, s in zip(found.causes, stand, strict=True) if not s]
+        else:
+            named = every
         _, sentence = verdict(found, (*seen, *every), (*seen, *named), partial)
     extended, told, reached = description, (), found.nominal.point
     if decided != "unexplained" or named:

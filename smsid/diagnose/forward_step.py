@@ -23,14 +23,15 @@ from smsid.diagnose.change_point import (
 from smsid.diagnose.exchange_step import exchange_step, recompute_evidence
 from smsid.diagnose.hysteresis_test import memory
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
-from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, strays_by_row
+from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, with_levels
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
-from smsid.diagnose.specification_tests import SpecificationTest
+from smsid.diagnose.specification_tests import SpecificationTest, is_at
 from smsid.diagnose.step_size_check import finely_stepped
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.map_estimate import Fit, evaluate, fit
+from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 CLEAR = THRESHOLDS.beginnings_sought
@@ -42,7 +43,7 @@ class State:
 
     ``nominal`` is the fit without causes, ``normalised_rmse`` the rms of its prediction errors over
     the stated noise; ``held`` are the tests for memory that end a search, where the next cause would stand
-    in for a piece of it.
+    in for a piece of it. ``proven`` are keys of causes found while a structure was taken as unknown.
     """
 
     def __init__(
@@ -61,11 +62,11 @@ class State:
         self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
         self.causes: list[Cause] = [] if known is None else [known]
         self.held: tuple[SpecificationTest, ...] = ()
+        self.proven: frozenset[tuple[str, str, str]] = frozenset()
         self._nominal()
         if nominal is not None:
             self.nominal = nominal
             self.normalised_rmse = normalised_rmse(nominal.run)
-            self.strays = strays_by_row(nominal.run, np.ones(len(fitted.factors)))
         self.failed: list[str] = []
         self._restarts = 0
         # whether the noise is finer now than when the last cause was chosen
@@ -141,7 +142,7 @@ class State:
         reached, exchange = self.current, not self.fitted.misfit
         self.causes, found = exchange_step(
             self.causes, reached, self.nominal, self.candidates, self.levels,
-            exchange=exchange, last_too=self._finer,
+            exchange=exchange, last_too=self._finer, settled=self._settled,
         )  # fmt: skip
         self._keep(found)
         if found is not reached:  # what had begun beside another cause
@@ -152,7 +153,7 @@ class State:
         """Drop the causes that the others have made needless; return whether any was."""
         reached = self.current
         self.causes, found = eliminate_backward(
-            self.causes, reached, self.nominal, self.levels, len(self.candidates)
+            self.causes, reached, self.nominal, self.levels, len(self.candidates), self.proven
         )
         if found is reached:
             return False
@@ -161,10 +162,32 @@ class State:
         self._score_anew()
         return True
 
+    def restore(self, problem: Problem) -> None:
+        """Take in again the structure that was taken as unknown; causes elsewhere stay, whatever it hides.
+
+        ``problem`` is the whole one, as the search began.
+        """
+        self.proven = frozenset(c.score.candidate.key for c in self.causes) - self._settled
+        whole = replace(self.current.problem, data=problem.data, noise=problem.noise)
+        back = Fitted(
+            fit(self.current.point, self.current.unknowns, whole, iterations=2), np.ones(whole.data.rows)
+        )
+        self.fitted = with_levels(replace(back, local=False))
+        self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
+        self.normalised_rmse = normalised_rmse(self.nominal.run, self.fitted.factors)
+        self._out.clear()
+        self._score_anew()
+
     def enlarge(self, larger: Fit) -> None:
         """Take a fit with further parameters of the causes free."""
         self._keep(larger)
         self._score_anew()
+
+    @property
+    def _settled(self) -> frozenset[tuple[str, str, str]]:
+        """Keys of causes that are not judged again: where their place is unknown, or was when they were."""
+        causes, place = (c.score.candidate for c in self.causes), self.fitted.unknown
+        return frozenset(c.key for c in causes if is_at(c.location, place)) if place else self.proven
 
     @property
     def _asked(self) -> DetectionThresholds:
@@ -268,7 +291,6 @@ class State:
         """The last fit is of the nominal parameters alone."""
         self.nominal = self.current
         self.normalised_rmse = normalised_rmse(self.current.run, self.fitted.factors)
-        self.strays = strays_by_row(self.current.run, self.fitted.factors)
 
     def _move(self, found: Fit, *, strong: bool) -> None:
         """Go on from another fit, with its noise levels.
@@ -302,6 +324,8 @@ class State:
         """Score the candidates left, the best first; signatures already known are used again."""
         out = self._out | {c.score.candidate.key for c in self.causes}
         rest = [c for c in self.candidates if c.key not in out]
+        if self.fitted.unknown:
+            rest = [c for c in rest if not is_at(c.location, self.fitted.unknown)]
         missing = [c for c in rest if c.key not in self._columns]
         if missing:
             known = signatures(self.current, missing)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import welch
 
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.unknown_input_test import with_unknown
 from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.innovations import normalised_rmse
@@ -24,6 +25,7 @@ LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
 HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
+LEFT = THRESHOLDS.own_channel
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
@@ -35,13 +37,16 @@ class Fitted:
     """A fit with the noise levels it was made with: factors on the stated ones (rows,).
 
     ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone;
-    ``alone`` where a component or a channel was not fitted, as it strays by itself.
+    ``alone`` where a component or a channel was not fitted, as it strays by itself. ``unknown`` names the
+    structure whose motion was taken as unknown; where ``local`` is ``False``, none may be.
     """
 
     fit: Fit
     factors: np.ndarray
     misfit: bool = False
     alone: bool = False
+    unknown: str = ""
+    local: bool = True
 
     @property
     def by_channel(self) -> dict[str, float]:
@@ -133,13 +138,44 @@ def refit_noise(found: Fitted, *, strong: bool = False) -> Fitted:
     if not found.misfit:
         return _with_noise(found) if strong else found
     if strong:
-        exact = _exact(found)
+        exact = _exact(found) or (but_for_a_structure(found) if found.local else None)
         if exact is not None:
             return exact
     again = _with_misfit(found)
     if normalised_rmse(again.fit.run, again.factors) > FOLLOWED:
         return again
     return _exact(again) or again
+
+
+def but_for_a_structure(
+    found: Fitted, held: Callable[[str], Collection[str]] = lambda place: ()
+) -> Fitted | None:
+    """Return the fit to the noise as stated with the motion of one structure unknown and its own channels
+    left out, where all else is followed; else nothing.
+
+    A panel or a tank is described by a few modes; what else it does reaches all channels through the bus, but
+    is a force on these modes. ``held`` are names of parameters that stay as they are, by structure.
+    """
+    model, last = found.fit.changes.model, found.fit
+    places = {a.appendage.name: [model.pin.joints[j].idx_v for j in a.seen] for a in model.appendages}
+    places |= {tank.name: [*range(tank.v.start, tank.v.stop)] for tank in model.slosh}
+    stated = last.problem.data.scaled(1.0 / found.factors)
+    for place, dofs in places.items():
+        own = {b.channel for b in stated.blocks if place in (b.sensor.appendage, b.sensor.name)}
+        problem = with_unknown(replace(last.problem, data=stated), last.run, dofs, own)
+        unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
+        try:
+            rest = fit(last.point, unknowns, problem, iterations=2)
+            if normalised_rmse(rest.run) < MISFIT:
+                rest = continued(rest, iterations=6)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("not with %s unknown: %s", place, error)
+            continue
+        left = strays_by_row(rest.run, np.ones(stated.rows))
+        LOGGER.info("with %s unknown, up to %.3g times the noise is left", place, left.max())
+        if normalised_rmse(rest.run) < FOLLOWED and left.max() < LEFT:
+            return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
+    return None
 
 
 def _exact(found: Fitted) -> Fitted | None:

@@ -89,6 +89,14 @@ def equations_of(found: Fit) -> list[Equation]:
     ]
 
 
+def is_at(place: str, other: str) -> bool:
+    """Return whether one place is the other, a component of its channel or a channel of its sensor, or may be
+    it: what acts on the bus (empty) may be anything.
+    """
+    inner = place.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{place}[", f"{place}."))
+    return not other or place == other or inner
+
+
 def _log_chance(ratio: float, freedom: int) -> float:
     """Return the logarithm of chi2.sf; by the first term of its expansion where that underflows."""
     if not freedom:

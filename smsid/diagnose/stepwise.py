@@ -43,8 +43,8 @@ class Search:
 
     ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
-    fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
-    prediction errors over the stated noise, before and after, ``strays`` (rows,) those of every component.
+    fitted, ``factors`` (rows,) by component; with ``misfit`` they count what the model cannot follow.
+    ``normalised_rmse`` are rms of the prediction errors over the stated noise, before and after.
     ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
     in steps.
     ``failed`` says in sentences what could not be done for numerical reasons.
@@ -65,7 +65,7 @@ class Search:
     levels: DetectionThresholds = field(default_factory=DetectionThresholds)
     coarse: frozenset[str] = frozenset()
     failed: tuple[str, ...] = ()
-    strays: tuple[np.ndarray, np.ndarray] = (np.ones(0), np.ones(0))
+    factors: np.ndarray = field(default_factory=lambda: np.ones(0))
     bands: tuple[SpecificationTest, ...] = ()
 
     @property
@@ -104,9 +104,10 @@ def search(
     clock = [time.process_time()]
     state = _begun(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
-    while state.guarded("looking for a further cause", state.forward_step):
-        pass
-    state.guarded("judging the causes beside each other", state.close)
+    _look(state)
+    if state.fitted.unknown:
+        state.restore(problem)
+        _look(state)
     blocks = _reconsidered(state, coarse)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
@@ -120,9 +121,15 @@ def search(
         (state.normalised_rmse, normalised_rmse(state.current.run, state.fitted.factors)),
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
         levels, coarse, tuple(state.failed),
-        (state.strays, strays_by_row(state.current.run, state.fitted.factors)),
+        state.fitted.factors,
         tuple(band_tests(state.current, state.fitted.factors)),
     )  # fmt: skip
+
+
+def _look(state: State) -> None:
+    while state.guarded("looking for a further cause", state.forward_step):
+        pass
+    state.guarded("judging the causes beside each other", state.close)
 
 
 def _begun(

@@ -11,6 +11,7 @@ Frazier.
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from smsid.diagnose.specification_tests import SpecificationTest, equations_of
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import Fit, continued, fit
+from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 CHANCE = "chance"
@@ -41,9 +43,7 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
     tests = []
     for i in np.argsort(-doubt)[:DOUBTED]:
         name, dof = inputs[i].name, index[i]
-        level = float(np.sqrt(LOUD / max(float(known[:, dof].mean()), 1e-300)))
-        noise = replace(found.problem.noise, more=((dof, level),))
-        problem = replace(found.problem, noise=noise)
+        problem = with_unknown(found.problem, found.run, [dof])
         try:
             noisy = fit(found.point, found.unknowns, problem, iterations=4, enough=NEAR)
         except (SmsidError, np.linalg.LinAlgError) as error:
@@ -52,6 +52,22 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
         ratio = max(0.0, 2.0 * (rest - noisy.objective))
         tests.append(SpecificationTest(name, CHANCE, ratio, 1, len(inputs), inputs[i].location))
     return sorted(tests, key=lambda b: b.order)
+
+
+def with_unknown(
+    problem: Problem, run: FilterRun, dofs: Sequence[int], lost: Collection[str] = ()
+) -> Problem:
+    """Return a problem with noise on inputs that hides what a run tells of them (`LOUD`), and without the
+    readings of channels or components ``lost``.
+    """
+    data, (_, known) = problem.data, disturbances(run)
+    loud = tuple((d, float(np.sqrt(LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
+    out = np.zeros(data.values.shape, dtype=bool)
+    for block in data.blocks:
+        out[:, block.rows] = [block.channel in lost or name in lost for name in block.names]
+    out[list(run.begins)] = False  # where the filter begins is read from there
+    noise = replace(problem.noise, more=(*problem.noise.more, *loud))
+    return replace(problem, data=data.without(out), noise=noise)
 
 
 def disturbances(run: FilterRun) -> tuple[np.ndarray, np.ndarray]:

@@ -97,7 +97,6 @@ def world(monkeypatch):
         "refit_noise": refitted,
         "finely_stepped": finely,
         "normalised_rmse": lambda *_: 1.0,
-        "strays_by_row": lambda *_: np.ones(1),
         "memory": lambda *_: (),
         "best_onsets": lambda *_: [],
         "is_poor_fit": lambda fit: False,
@@ -167,7 +166,7 @@ def test_the_only_cause_is_judged_again_where_the_noise_is_finer(world, monkeypa
     asked.finer = finer
     calls = []
 
-    def exchange_step(causes, last, nominal, candidates, levels, *, exchange, last_too):
+    def exchange_step(causes, last, nominal, candidates, levels, *, exchange, last_too, settled):
         calls.append(last_too and exchange)
         return list(causes), last
 
