@@ -16,7 +16,7 @@ from smsid.diagnose.extended_description import extended_point, with_inertial_sh
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.noise_covariance import FOLLOWED
-from smsid.diagnose.open_loop_check import unexplained_fraction
+from smsid.diagnose.open_loop import unexplained_fraction
 from smsid.diagnose.outliers import outliers, recount_outliers
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
@@ -25,10 +25,10 @@ from smsid.diagnose.sensor_faults import (
     drop_samples,
     inflate_for_quantisation,
     quantised_channels,
+    resting_channels,
     stuck_channels,
 )
 from smsid.diagnose.standing_causes import standing
-from smsid.diagnose.stationary_channels import resting_channels
 from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque import diagnose_torques, torques_were_measured

@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.attitude_rounding import step_of
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import SimulationError
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.map_estimate import Fit
 from smsid.estimation.measurements import ChannelSlice, Measured
 
 STUCK_RUN = THRESHOLDS.stuck_run
@@ -25,7 +28,7 @@ class Fault:
     [unit of the channel; of an attitude, 1: that of its quaternion's components], ``sigma`` its standard
     deviation; ``samples`` (N, rows) marks what to leave out.
     ``doubtful`` is one that reads in steps that show: what seems stuck may rest, see
-    `smsid.diagnose.stationary_channels`.
+    `smsid.diagnose.sensor_faults`.
     """
 
     kind: str
@@ -166,3 +169,28 @@ def inflate_for_quantisation(data: Measured, rounded: Sequence[Fault]) -> Measur
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+HELD = THRESHOLDS.at_rest
+
+
+def resting_channels(found: Fit, whole: Measured, faults: Sequence[Fault]) -> list[Fault]:
+    """Return the doubtful faults among ``faults`` that are none: the model predicts that the channel rests.
+
+    ``found`` was fitted without their samples, and to some of ``whole`` as they were recorded. The samples of
+    each are filtered again, and rest where they fit the motion that all other channels tell.
+    """
+    return [f for f in faults if f.doubtful and _fits(found, whole, f)]
+
+
+def _fits(found: Fit, whole: Measured, fault: Fault) -> bool:
+    problem = found.problem
+    kept = np.searchsorted(whole.times, problem.data.times)
+    values = np.where(fault.samples[kept], whole.values[kept], problem.data.values)
+    data = replace(problem.data, values=values)
+    try:
+        run = run_filter(found.point.model(), replace(problem, data=data))
+    except SimulationError:
+        return False
+    more = float((run.innovations**2).sum() - (found.run.innovations**2).sum())
+    return more < HELD**2 * (run.samples - found.run.samples)

@@ -20,7 +20,7 @@ from smsid.diagnose.noise_covariance import (
     strays_by_row,
     with_levels,
 )
-from smsid.diagnose.open_loop_check import unexplained_fraction
+from smsid.diagnose.open_loop import unexplained_fraction
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy, band_tests
 from smsid.diagnose.strong_causes import coarse_cause

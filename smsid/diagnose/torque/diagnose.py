@@ -16,9 +16,8 @@ from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.dependence import dependences
 from smsid.diagnose.torque.equations import TorqueEquations, require_excitation, torque_equations
-from smsid.diagnose.torque.extension import extended_description
 from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
-from smsid.diagnose.torque.known import described_values, links_known, prior_of
+from smsid.diagnose.torque.known import described_values, extended_description, links_known, prior_of
 from smsid.diagnose.torque.search import TorqueCause, TorqueSearch, search_torques
 from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
