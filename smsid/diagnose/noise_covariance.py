@@ -91,7 +91,7 @@ def with_levels(found: Fitted) -> Fitted:
     as noise that is as slow.
     """
     if normalised_rmse(found.fit.run) > MISFIT:
-        return but_for_one(found) or refit_noise(replace(found, misfit=True))
+        return but_for_one(found) or _with_misfit(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
 
@@ -137,14 +137,8 @@ def refit_noise(found: Fitted, *, strong: bool = False) -> Fitted:
     """
     if not found.misfit:
         return _with_noise(found) if strong else found
-    if strong:
-        exact = _exact(found) or (but_for_a_structure(found) if found.local else None)
-        if exact is not None:
-            return exact
-    again = _with_misfit(found)
-    if normalised_rmse(again.fit.run, again.factors) > FOLLOWED:
-        return again
-    return _exact(again) or again
+    followed = (_exact(found) if strong else None) or (but_for_a_structure(found) if found.local else None)
+    return followed or _with_misfit(found)
 
 
 def but_for_a_structure(
@@ -206,7 +200,8 @@ def _with_noise(found: Fitted) -> Fitted:
 
 
 def _with_misfit(found: Fitted) -> Fitted:
-    """Return the fit whose noise levels are those of what it leaves: the likeliest of both.
+    """Return the fit whose noise levels are those of what it leaves, the likeliest of both; where little is
+    left, that to the noise as stated.
 
     At first every channel bears what one of them has bent the fit to; only where levels and fit agree is
     misfit where it belongs.
@@ -219,7 +214,8 @@ def _with_misfit(found: Fitted) -> Fitted:
         found = replace(_scaled(found, factor, iterations=4, enough=NEAR), misfit=True)
         if np.abs(np.log(factor)).max() < 0.1:
             break
-    return found
+    followed = normalised_rmse(found.fit.run, found.factors) <= FOLLOWED
+    return (_exact(found) if followed else None) or found
 
 
 def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:
