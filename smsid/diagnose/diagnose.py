@@ -85,8 +85,6 @@ def diagnose(
     *,
     estimate: Estimate | None = None,
     validation: Sequence[Recording] = (),
-    levels: DetectionThresholds | None = None,
-    noise: Noise | None = None,
     rate: float = RATE,
     cutoff: float | None = None,
 ) -> Diagnosed:
@@ -101,8 +99,6 @@ def diagnose(
             and causes are common to all, the state at the start and sensor biases are each recording's own.
         estimate: standard deviations of the nominal parameters; else the description's priors, else defaults.
         validation: recordings the gain is measured on.
-        levels: levels of significance.
-        noise: process noise of the commands.
         rate: samples a second that are looked at; more are thinned out (commands are not) [Hz].
         cutoff: of measured torques: low-pass of the motion [Hz].
 
@@ -117,19 +113,11 @@ def diagnose(
             doubts = consistency_notes([*recordings, *validation])
             if torques_were_measured(description, recordings[0]):  # takes the columns by their labels itself
                 result, extended, torques = diagnose_torques(
-                    description, recordings, estimate=estimate, validation=validation, levels=levels,
-                    cutoff=cutoff,
-                )  # fmt: skip
+                    description, recordings, estimate=estimate, validation=validation, cutoff=cutoff
+                )
                 made = Diagnosed(result, extended, torques=torques)
             else:
-                made = _diagnose(
-                    description,
-                    recordings,
-                    estimate,
-                    validation,
-                    (levels or DetectionThresholds(), noise or Noise(), rate),
-                    names,
-                )
+                made = _diagnose(description, recordings, estimate, validation, rate, names)
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("not evaluated: %s", error, exc_info=True)
             result = Diagnosis(description.name, names, "not_evaluated", str(error), gain_reason=str(error))
@@ -143,10 +131,10 @@ def _diagnose(
     recordings: Sequence[Recording],
     estimate: Estimate | None,
     validation: Sequence[Recording],
-    options: tuple[DetectionThresholds, Noise, float],
+    rate: float,
     names: tuple[str, ...],
 ) -> Diagnosed:
-    levels, noise, rate = options
+    levels = DetectionThresholds()
     for recording in recordings:
         recording.check()
     labels = labels_of(recordings)
@@ -154,7 +142,7 @@ def _diagnose(
     point, description = known.point, known.point.description
     recordings = [order_columns(r, point.base) for r in recordings]
     placed = on_one_clock(recordings, labels)
-    read = joint_problem([_problem(point, p, noise, known.joint) for p in placed], placed)
+    read = joint_problem([_problem(point, p, known.joint) for p in placed], placed)
     whole = read.data
     rounded = quantised_channels(whole)
     faults = stuck_channels(whole) + rounded
@@ -273,7 +261,7 @@ def _diagnose(
     return Diagnosed(result, extended, found, point=reached)
 
 
-def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> Problem:
+def _problem(point: Point, placed: Placed, joint: JointPrior) -> Problem:
     """Return a recording as a problem; raises `RecordingError` for one that is too short or empty."""
     recording = placed.recording
     data = measurements_of(point.base, recording, point.description.effective_sensors())
@@ -288,7 +276,7 @@ def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> P
             f"There is nothing in '{placed.label}': none of the sensors' channels ever changes.",
             advice="Are the right channels mapped?",
         )
-    return Problem(recording, data, locked(point.base, recording), Timing(), noise, joint)
+    return Problem(recording, data, locked(point.base, recording), Timing(), Noise(), joint)
 
 
 def _timings(problem: Problem) -> list[tuple[str, Timing]]:

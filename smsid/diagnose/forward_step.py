@@ -123,7 +123,10 @@ class State:
         cause, found = accept(self.current, best, rivals, self._asked, len(self.candidates), **worth)
         if cause is not None:
             self._add(cause, found)
-        elif self._better(found):
+        elif (
+            2.0 * (self.current.objective - found.objective) > self.levels.linear
+            and self._restarts < RESTLESS
+        ):
             self._restart(found)
         else:
             self._out.add(best.candidate.key)
@@ -138,28 +141,18 @@ class State:
             self._score_anew()
         if not self.causes or (len(self.causes) == 1 and not self._finer):
             return
-        reached, exchange = self.current, not self.fitted.misfit
         self.causes, found = exchange_step(
-            self.causes, reached, self.nominal, self.candidates, self.levels,
-            exchange=exchange, last_too=self._finer, settled=self._settled,
+            self.causes, self.current, self.nominal, self.candidates, self.levels,
+            exchange=not self.fitted.misfit, last_too=self._finer, settled=self._settled,
         )  # fmt: skip
-        self._keep(found)
-        if found is not reached:  # what had begun beside another cause
-            self._there_always()
-            self._score_anew()
+        self.take(found)
 
     def prune(self) -> bool:
         """Drop the causes that the others have made needless; return whether any was."""
-        reached = self.current
         self.causes, found = eliminate_backward(
-            self.causes, reached, self.nominal, self.levels, len(self.candidates), self.proven
+            self.causes, self.current, self.nominal, self.levels, len(self.candidates), self.proven
         )
-        if found is reached:
-            return False
-        self._keep(found)
-        self._there_always()
-        self._score_anew()
-        return True
+        return self.take(found)
 
     def restore(self, problem: Problem) -> None:
         """Take in again the structure that was taken as unknown; causes elsewhere stay, whatever it hides.
@@ -177,10 +170,14 @@ class State:
         self._out.clear()
         self._score_anew()
 
-    def enlarge(self, larger: Fit) -> None:
-        """Take a fit with further parameters of the causes free."""
-        self._keep(larger)
+    def take(self, found: Fit) -> bool:
+        """Go on from another fit, as judged anew; return whether it is another."""
+        if found is self.current:
+            return False
+        self._keep(found)
+        self._there_always()  # what had begun beside another cause
         self._score_anew()
+        return True
 
     @property
     def _settled(self) -> frozenset[tuple[str, str, str]]:
@@ -231,10 +228,6 @@ class State:
         gain, level = best.information_gain(self.samples), self.levels.block / len(self.candidates)
         tests = memory(self.current, [c.score.candidate.location for c in self.causes])
         return tuple(t for t in tests if t.information_gain(self.samples) > gain and t.p_value < level)
-
-    def _better(self, found: Fit) -> bool:
-        gained = 2.0 * (self.current.objective - found.objective)
-        return gained > self.levels.linear and self._restarts < RESTLESS
 
     def _restart(self, found: Fit) -> None:
         """Go on from a better fit of the same parameters that a candidate led to."""

@@ -187,7 +187,7 @@ def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTe
         larger = with_further(state.current, state.causes)
         again = () if larger is None else (*state.held, *adequacy(larger))
         if larger is not None and not _unexplained(state, again, coarse):
-            state.enlarge(larger)
+            state.take(larger)
             blocks = again
     if state.fitted.misfit or not _unexplained(state, blocks, coarse):  # else no cause is named anyway
         left_out = state.guarded("leaving out needless causes", state.prune)
