@@ -23,7 +23,7 @@ from smsid.diagnose.change_point import (
 from smsid.diagnose.exchange_step import exchange_step, recompute_evidence
 from smsid.diagnose.hysteresis_test import memory
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
-from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, with_levels
+from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, with_misfit
 from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
 from smsid.diagnose.specification_tests import SpecificationTest, is_at
 from smsid.diagnose.step_size_check import finely_stepped
@@ -34,6 +34,7 @@ from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 CLEAR = THRESHOLDS.beginnings_sought
+ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -164,7 +165,7 @@ class State:
         back = Fitted(
             fit(self.current.point, self.current.unknowns, whole, iterations=2), np.ones(whole.data.rows)
         )
-        self.fitted = with_levels(replace(back, local=False))
+        self.fitted = with_misfit(replace(back, misfit=True, local=False))
         self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
         self.normalised_rmse = normalised_rmse(self.nominal.run, self.fitted.factors)
         self._out.clear()
@@ -317,7 +318,8 @@ class State:
         out = self._out | {c.score.candidate.key for c in self.causes}
         rest = [c for c in self.candidates if c.key not in out]
         if self.fitted.unknown:
-            rest = [c for c in rest if not is_at(c.location, self.fitted.unknown)]
+            elsewhere = (c for c in rest if not is_at(c.location, self.fitted.unknown))
+            rest = [c for c in elsewhere if c.family not in ON_THE_BUS]
         missing = [c for c in rest if c.key not in self._columns]
         if missing:
             known = signatures(self.current, missing)

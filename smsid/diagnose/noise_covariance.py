@@ -91,7 +91,7 @@ def with_levels(found: Fitted) -> Fitted:
     as noise that is as slow.
     """
     if normalised_rmse(found.fit.run) > MISFIT:
-        return but_for_one(found) or _with_misfit(replace(found, misfit=True))
+        return but_for_one(found) or with_misfit(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
 
@@ -138,7 +138,7 @@ def refit_noise(found: Fitted, *, strong: bool = False) -> Fitted:
     if not found.misfit:
         return _with_noise(found) if strong else found
     followed = (_exact(found) if strong else None) or (but_for_a_structure(found) if found.local else None)
-    return followed or _with_misfit(found)
+    return followed or with_misfit(found)
 
 
 def but_for_a_structure(
@@ -147,14 +147,15 @@ def but_for_a_structure(
     """Return the fit to the noise as stated with the motion of one structure unknown and its own channels
     left out, where all else is followed; else nothing.
 
-    A panel or a tank is described by a few modes; what else it does reaches all channels through the bus, but
-    is a force on these modes. ``held`` are names of parameters that stay as they are, by structure.
+    A panel or a tank is described by a few modes; what else it does reaches all channels, but is a force on
+    these modes and a wrench on what carries it. ``held`` are names of parameters that stay, by structure.
     """
     model, last = found.fit.changes.model, found.fit
     places = {a.appendage.name: [model.pin.joints[j].idx_v for j in a.seen] for a in model.appendages}
     places |= {tank.name: [*range(tank.v.start, tank.v.stop)] for tank in model.slosh}
     stated = last.problem.data.scaled(1.0 / found.factors)
-    for place, dofs in places.items():
+    for place, own_dofs in places.items():
+        dofs = [*(range(6) if model.free else ()), *own_dofs]
         own = {b.channel for b in stated.blocks if place in (b.sensor.appendage, b.sensor.name)}
         problem = with_unknown(replace(last.problem, data=stated), last.run, dofs, own)
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
@@ -199,7 +200,7 @@ def _with_noise(found: Fitted) -> Fitted:
     return found
 
 
-def _with_misfit(found: Fitted) -> Fitted:
+def with_misfit(found: Fitted) -> Fitted:
     """Return the fit whose noise levels are those of what it leaves, the likeliest of both; where little is
     left, that to the noise as stated.
 
