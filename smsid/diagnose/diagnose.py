@@ -209,7 +209,7 @@ def _diagnose(
             named = every
         _, sentence = verdict(found, (*seen, *every), (*seen, *named), partial)
     extended, told, reached = description, (), found.nominal.point
-    if decided != "unexplained" or named:
+    if found.causes and (decided != "unexplained" or named):
         reached = extended_point(by, hints)
     if decided == "explained" or named:
         extended, told = with_inertial_shifts(reached, by.last)
