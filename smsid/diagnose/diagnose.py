@@ -256,7 +256,7 @@ def _diagnose(
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
         timing=found.seconds,
-        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *found.failed, *told, *gone) if n),
+        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *by.failed, *told, *gone) if n),
     )
     return Diagnosed(result, extended, found, point=reached)
 

@@ -45,7 +45,9 @@ def standing(found: Search, named: Sequence[FoundCause]) -> tuple[Search, tuple[
         and _needed(found, cause, last)
         for cause, told in zip(found.causes, named, strict=True)
     ]
-    by = replace(found, last=last, causes=tuple(c for c, yes in zip(found.causes, stand, strict=True) if yes))
+    kept = tuple(c for c, yes in zip(found.causes, stand, strict=True) if yes)
+    unknown = f"taken as unknown where causes elsewhere are judged: {', '.join(lost)}"
+    by = replace(found, last=last, causes=kept, failed=(*found.failed, unknown) if kept else found.failed)
     values = iter(causes(by))
     return by, tuple(next(values) if yes else None for yes in stand)
 

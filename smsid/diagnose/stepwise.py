@@ -47,7 +47,7 @@ class Search:
     ``normalised_rmse`` are rms of the prediction errors over the stated noise, before and after.
     ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
     in steps.
-    ``failed`` says in sentences what could not be done for numerical reasons.
+    ``failed`` says in sentences what could not be done for numerical reasons, or was taken as unknown.
     """
 
     nominal: Fit

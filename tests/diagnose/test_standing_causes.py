@@ -35,17 +35,21 @@ def stands(monkeypatch):
     def judge(*named, unknown="panel", ratio=90.0, misfit=True):
         found = SimpleNamespace(
             misfit=misfit, candidates=100, levels=DetectionThresholds(),
-            causes=tuple(cause(c.family, c.location) for c in named), last="bent",
+            causes=tuple(cause(c.family, c.location) for c in named), last="bent", failed=(),
         )  # fmt: skip
         own = {c.location: replace(c, parameters=(Value("it.size", 2e-3, 1e-5, "1"),)) for c in named}
         for name, stub in {
-            "_but_for_a_structure" if misfit else "_rest_unknown": lambda _: ("rest", {"it": unknown}),
+            "_but_for_a_structure" if misfit else "_rest_unknown": lambda _: (
+                "rest",
+                {f"equation of {unknown}": unknown},
+            ),
             "wald": lambda *_: ratio,
             "replace": lambda found, **new: SimpleNamespace(**{**vars(found), **new}),
             "causes": lambda by: tuple(own[c.score.candidate.location] for c in by.causes),
         }.items():
             monkeypatch.setattr(standing_causes, name, stub)
         by, out = standing(found, named)
+        assert [unknown in note for note in by.failed] == [True] * any(o is not None for o in out)
         assert by.last == "rest" and len(by.causes) == sum(o is not None for o in out)
         assert all(o is None or o.parameters[0].value == 2e-3 for o in out)
         return tuple(o is not None for o in out)
