@@ -157,7 +157,9 @@ def but_for_a_structure(
     for place, own_dofs in places.items():
         dofs = [*(range(6) if model.free else ()), *own_dofs]
         own = {b.channel for b in stated.blocks if place in (b.sensor.appendage, b.sensor.name)}
-        problem = with_unknown(replace(last.problem, data=stated), last.run, dofs, own)
+        problem = with_unknown(
+            replace(last.problem, data=stated), last.run, dofs, own, held=len(stated.times)
+        )
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
         try:
             rest = fit(last.point, unknowns, problem, iterations=2)

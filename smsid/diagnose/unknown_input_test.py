@@ -55,13 +55,15 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
 
 
 def with_unknown(
-    problem: Problem, run: FilterRun, dofs: Sequence[int], lost: Collection[str] = ()
+    problem: Problem, run: FilterRun, dofs: Sequence[int], lost: Collection[str] = (), *, held: int = 1
 ) -> Problem:
     """Return a problem with noise on inputs that hides what a run tells of them (`LOUD`), and without the
     readings of channels or components ``lost``.
+
+    Noise is white: of an input that is wrong in one way for so many samples, ``held``, more is needed.
     """
     data, (_, known) = problem.data, disturbances(run)
-    loud = tuple((d, float(np.sqrt(LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
+    loud = tuple((d, float(np.sqrt(held * LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
     out = np.zeros(data.values.shape, dtype=bool)
     for block in data.blocks:
         out[:, block.rows] = [block.channel in lost or name in lost for name in block.names]
