@@ -65,7 +65,7 @@ def best_start(
 @dataclass(frozen=True)
 class Onsets:
     """A candidate that begins, perhaps as an effect of its own, with its changes, and the likelihood ratios
-    (2 N - 1,) of beginnings at the `events` of a run.
+    (2 N - 1,) of beginnings at the samples of a run and the middles between them.
     """
 
     candidate: Candidate

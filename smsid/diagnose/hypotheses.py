@@ -13,8 +13,12 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, Oscillating
-from smsid.diagnose.gravity_gradient_hypothesis import GravityGradientHypothesis
-from smsid.diagnose.profiled_hypothesis import Imbalance, LeakHypothesis, ThresholdHypothesis
+from smsid.diagnose.profiled_hypothesis import (
+    GravityGradientHypothesis,
+    Imbalance,
+    LeakHypothesis,
+    ThresholdHypothesis,
+)
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.truncated_mode import HigherMode
 from smsid.effects.appendage import Appendage

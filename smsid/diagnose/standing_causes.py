@@ -12,9 +12,8 @@ from scipy.stats import chi2
 from smsid.diagnose.model_comparison import Cause, wald
 from smsid.diagnose.noise_covariance import Fitted, but_for_a_structure
 from smsid.diagnose.result import FoundCause
-from smsid.diagnose.specification_tests import adequacy, equations_of, is_at
+from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
 from smsid.diagnose.stepwise import Search
-from smsid.diagnose.unknown_input_test import NEAR, with_unknown
 from smsid.diagnose.verdict import causes, impossible
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, fit

@@ -22,10 +22,15 @@ from smsid.diagnose.noise_covariance import (
 )
 from smsid.diagnose.open_loop import unexplained_fraction
 from smsid.diagnose.score_test import Candidate, Score
-from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy, band_tests
+from smsid.diagnose.specification_tests import (
+    PAST,
+    SpecificationTest,
+    adequacy,
+    band_tests,
+    unknown_input_tests,
+)
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.unknown_input_test import unknown_input_tests
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.parameter_vector import Point, Unknown
