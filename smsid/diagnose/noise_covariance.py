@@ -112,10 +112,7 @@ def but_for_one(found: Fitted) -> Fitted | None:
     rows = next((r for r in choices if squares[:, r].sum() > HALF * squares.sum()), None)
     if rows is None:
         return None
-    left_out = np.zeros(whole.data.values.shape, dtype=bool)
-    left_out[:, rows] = True
-    left_out[list(found.fit.run.begins), rows] = False  # where the filter begins is read from there
-    problem = replace(whole, data=whole.data.without(left_out))
+    problem = with_unknown(whole, found.fit.run, (), whole.data.names[rows])
     try:
         rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
         if normalised_rmse(rest.run) > FOLLOWED:

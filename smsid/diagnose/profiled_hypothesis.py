@@ -13,9 +13,17 @@ from typing import Any, Literal, cast
 import numpy as np
 from scipy.optimize import minimize
 
-from smsid.diagnose.score_test import EXCITED, Candidate, Score, changes_of, least_squares, odds, parameter_of
+from smsid.diagnose.score_test import (
+    EXCITED,
+    Candidate,
+    Score,
+    changes_of,
+    least_squares,
+    odds,
+    parameter_of,
+    recast,
+)
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.effects.base import Effect
 from smsid.effects.external import Bodies, GravityGradient
 from smsid.effects.payload import WheelImbalance, point_parameters
 from smsid.estimation.map_estimate import Fit, Projected
@@ -53,24 +61,6 @@ class Resolved(Candidate):
             replace(first, nominal=0.0),
             *(replace(u, nominal=means.get(u.name, u.nominal)) for u in rest),
         )
-
-
-def resolved_as(
-    candidate: Candidate,
-    effect: Effect,
-    *,
-    free: tuple[str, ...] | None = None,
-    steps: tuple[float, ...] | None = None,
-    grid: int = 1,
-    simpler: tuple[str, ...] = (),
-    means: tuple[tuple[str, float], ...] = (),
-) -> Resolved:
-    """Return what a search of a candidate settled on; what it frees is free by default."""
-    c = candidate
-    free, steps = c.free if free is None else free, c.steps if steps is None else steps
-    return Resolved(
-        c.kind, c.location, c.family, c.shape, effect, free, steps, c.also, grid, simpler, means=means
-    )
 
 
 @dataclass(frozen=True)
@@ -195,7 +185,7 @@ class Imbalance(Searched):
         along = np.array([np.cos(phase), np.sin(phase)])
         across = np.array([-along[1], along[0]])
         by = np.column_stack([along, size * self.steps[1] * across])
-        return resolved_as(self, effect), by, np.array([size, 0.0]), True
+        return recast(Resolved, self, effect=effect), by, np.array([size, 0.0]), True
 
 
 @dataclass(frozen=True)
@@ -249,7 +239,7 @@ class LeakHypothesis(Candidate):
         by[:, 1:] *= np.array(self.steps[1:])
         raw = np.einsum("ij,ij->j", columns @ by, columns @ by)
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
-        leak = resolved_as(self, effect, grid=2, means=tuple((n, 0.0) for n in self.free[1:]))
+        leak = recast(Resolved, self, effect=effect, grid=2, means=tuple((n, 0.0) for n in self.free[1:]))
         ratio = max(rate, 0.0) * float(theta @ slope)
         estimate = np.array([rate, 0.0, 0.0, 0.0])
         freedom = 4 if place.any() else 1
@@ -327,7 +317,7 @@ class ThresholdHypothesis(Searched):
         assert self.effect is not None
         prior = {**self.effect.prior, self.field: shape.label}
         effect = self.effect.model_copy(update={self.field: shape.label, "prior": prior})
-        own = resolved_as(self, effect, simpler=self.simpler)
+        own = recast(Resolved, self, effect=effect)
         return own, np.eye(1), coefficients, float(coefficients[0]) > 0.0
 
     def _thresholds(self, changes: Sensitivities) -> list[float]:
@@ -404,7 +394,7 @@ class GravityGradientHypothesis(Candidate):
         freedom = min(3, int((values > EXCITED).sum()))  # about itself, a vertical does not turn
         estimate = np.array([size, 0.0, 0.0, 0.0])
         excited = float(np.sort(values)[-3]) if freedom == 3 else 0.0
-        settled = resolved_as(self, effect)
+        settled = recast(Resolved, self, effect=effect)
         return Score(settled, ratio, freedom, estimate, covariance, excited, own.left @ by, own.taken @ by)
 
     def _turning(self, found: Fit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
