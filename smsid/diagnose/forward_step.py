@@ -155,8 +155,8 @@ class State:
         )
         return self.take(found)
 
-    def restore(self, problem: Problem) -> None:
-        """Take in again the structure that was taken as unknown; causes elsewhere stay, whatever it hides.
+    def restore(self, problem: Problem) -> bool:
+        """Take in again the structure that was taken as unknown, and say so; causes elsewhere stay.
 
         ``problem`` is the whole one, as the search began.
         """
@@ -170,6 +170,7 @@ class State:
         self.normalised_rmse = normalised_rmse(self.nominal.run, self.fitted.factors)
         self._out.clear()
         self._score_anew()
+        return True
 
     def take(self, found: Fit) -> bool:
         """Go on from another fit, as judged anew; return whether it is another."""

@@ -110,8 +110,8 @@ def search(
     state = _begun(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
     _look(state)
-    if state.fitted.unknown:
-        state.restore(problem)
+    unknown = state.fitted.unknown
+    if unknown and state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
         _look(state)
     blocks = _reconsidered(state, coarse)
     clock.append(time.process_time())
