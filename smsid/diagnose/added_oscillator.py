@@ -246,7 +246,7 @@ class Oscillating(Searched):
             p.name: p.value for p in self._effect(LEAST, self.springs.place, omega, zeta).parameters()
         }
         means = tuple((n, reference[n]) for n in free[1 : 1 + d])
-        own = recast(Resolved, self, effect=effect, free=free, steps=steps, means=means)
+        own = recast(Resolved, self, {"effect": effect, "free": free, "steps": steps, "means": means})
         return own, by, np.r_[coefficients[0], np.zeros(len(free) - 1)], mass > 0.0
 
     def scored(self, found: Fit, own: Projected) -> Score:

@@ -109,8 +109,8 @@ def _one(
 def _profiled(
     c: Candidate, field: str, shares: Sequence[float], motion: str, first: int, width: int = 1
 ) -> Candidate:
-    more = {"motion": motion, "first": first, "last": first + width}
-    return recast(ThresholdHypothesis, c, field=field, shares=tuple(shares), **more)
+    span = {"motion": motion, "first": first, "last": first + width}
+    return recast(ThresholdHypothesis, c, span | {"field": field, "shares": tuple(shares)})
 
 
 def _vector(key: str, step: float) -> dict[str, float]:
@@ -143,7 +143,7 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
                 for size in ("static", "dynamic"):
                     free = {size: 1e-4, "phase": 1e-2}
                     for c in _one("wheel_imbalance", name, f"{size} imbalance", {"wheel": name}, free):
-                        yield recast(Imbalance, c, joint=model.pin.getJointId(name))
+                        yield recast(Imbalance, c, {"joint": model.pin.getJointId(name)})
                 continue
             yield from rubs("load-dependent", at, {"load": 1e-3})
             if turning:  # a place has no cosine
@@ -194,7 +194,7 @@ def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
         where["prior"] = {f"position.{axis}": 1.0 for axis in AXES}  # [m] about the bus frame
         free = {"rate": 1e-3, **_vector("position", 0.1)}
         for c in _one("mass_loss", where["frame"], "mass loss", where, free):
-            yield recast(LeakHypothesis, c)
+            yield recast(LeakHypothesis, c, {})
 
 
 def _shift(
@@ -288,7 +288,7 @@ def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
     orbit: dict[str, Any] = {"gradient": 0.0, "prior": {f"turn.{axis}": 1.0 for axis in AXES}}
     free = {"gradient": 1e-8, **_vector("turn", 1e-2)}
     for c in _one("gravity_gradient", "spacecraft", "gravity gradient", orbit, free):
-        yield recast(GravityGradientHypothesis, c)
+        yield recast(GravityGradientHypothesis, c, {})
 
 
 def _sensors(point: Point, problem: Problem) -> Iterator[Candidate]:

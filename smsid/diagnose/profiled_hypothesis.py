@@ -185,7 +185,7 @@ class Imbalance(Searched):
         along = np.array([np.cos(phase), np.sin(phase)])
         across = np.array([-along[1], along[0]])
         by = np.column_stack([along, size * self.steps[1] * across])
-        return recast(Resolved, self, effect=effect), by, np.array([size, 0.0]), True
+        return recast(Resolved, self, {"effect": effect}), by, np.array([size, 0.0]), True
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,8 @@ class LeakHypothesis(Candidate):
         by[:, 1:] *= np.array(self.steps[1:])
         raw = np.einsum("ij,ij->j", columns @ by, columns @ by)
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
-        leak = recast(Resolved, self, effect=effect, grid=2, means=tuple((n, 0.0) for n in self.free[1:]))
+        means = tuple((n, 0.0) for n in self.free[1:])
+        leak = recast(Resolved, self, {"effect": effect, "grid": 2, "means": means})
         ratio = max(rate, 0.0) * float(theta @ slope)
         estimate = np.array([rate, 0.0, 0.0, 0.0])
         freedom = 4 if place.any() else 1
@@ -317,7 +318,7 @@ class ThresholdHypothesis(Searched):
         assert self.effect is not None
         prior = {**self.effect.prior, self.field: shape.label}
         effect = self.effect.model_copy(update={self.field: shape.label, "prior": prior})
-        own = recast(Resolved, self, effect=effect)
+        own = recast(Resolved, self, {"effect": effect})
         return own, np.eye(1), coefficients, float(coefficients[0]) > 0.0
 
     def _thresholds(self, changes: Sensitivities) -> list[float]:
@@ -394,7 +395,7 @@ class GravityGradientHypothesis(Candidate):
         freedom = min(3, int((values > EXCITED).sum()))  # about itself, a vertical does not turn
         estimate = np.array([size, 0.0, 0.0, 0.0])
         excited = float(np.sort(values)[-3]) if freedom == 3 else 0.0
-        settled = recast(Resolved, self, effect=effect)
+        settled = recast(Resolved, self, {"effect": effect})
         return Score(settled, ratio, freedom, estimate, covariance, excited, own.left @ by, own.taken @ by)
 
     def _turning(self, found: Fit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:

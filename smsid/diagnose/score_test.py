@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain, count
 from typing import Any, TypeVar
@@ -175,9 +175,9 @@ class Candidate:
         return p.value in (p.lower, p.upper)
 
 
-def recast(cls: type[T], candidate: Candidate, **changes: Any) -> T:
+def recast(cls: type[T], candidate: Candidate, changes: Mapping[str, Any]) -> T:
     """Return a candidate as one of another class, with changes."""
-    return cls(**{f.name: getattr(candidate, f.name) for f in fields(Candidate)} | changes)
+    return cls(**{f.name: getattr(candidate, f.name) for f in fields(Candidate)} | dict(changes))
 
 
 def linear_torques(

@@ -127,7 +127,7 @@ class HigherMode(Searched):
             damping=zeta,
         )
         free = tuple(f"{self.name}.{key}" for key in ("factor", "frequency", "damping"))
-        own = recast(Resolved, self, effect=effect, free=free, steps=STEPS)
+        own = recast(Resolved, self, {"effect": effect, "free": free, "steps": STEPS})
         by = np.array([[1.0, 0.0, 0.0]])
         return own, by, np.array([float(coefficients[0]), 0.0, 0.0]), bool(coefficients[0] > 0.0)
 
