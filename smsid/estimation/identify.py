@@ -143,7 +143,7 @@ def _batch(
     tell: Callable[[str], None] | None,
     doubts: Sequence[str],
 ) -> Identified:
-    linear = by_the_paper(description, recordings)
+    linear = by_the_paper(description, recordings, replicates=False)
     if tell is not None:
         tell("refining by maximum likelihood")
     refined = refine(description, recordings, linear, cad=cad)

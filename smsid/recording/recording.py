@@ -194,8 +194,10 @@ class Recording(Told):
             present=self.channels,
         )
 
-    def check(self) -> Recording:
+    def check(self, *, consistency: bool = True) -> Recording:
         """Verify the samples and give the recording back.
+
+        Without ``consistency`` channels are not compared with each other.
 
         Raises:
             RecordingError: a time that is not finite or does not increase, NaN or infinity in a channel, a
@@ -207,7 +209,8 @@ class Recording(Told):
         _checks.check_finite(self)
         _checks.check_gaps(self)
         _checks.check_quaternions(self)
-        self.check_consistency()
+        if consistency:
+            self.check_consistency()
         return self
 
     def check_consistency(self) -> tuple[str, ...]:
