@@ -81,16 +81,26 @@ class Minimum:
     iterations: int
 
 
-def fit(pieces: Sequence[RecordingTerm], start: Point, prior: Prior, patience: int = ITERATIONS) -> Fit:
+def fit(
+    pieces: Sequence[RecordingTerm],
+    start: Point,
+    prior: Prior,
+    patience: int = ITERATIONS,
+    *,
+    known: tuple[Evaluation, Normal] | None = None,
+) -> Fit:
     """Return the maximum of the likelihood near ``start``, noise levels estimated with it.
+
+    ``known``: what is seen at the start, and the normal equations there.
 
     Raises `ConvergenceError` when the search does not come to rest in ``patience`` iterations.
     """
-    pieces, here = tuple(pieces), Evaluation.at(pieces, start)
+    pieces, here = tuple(pieces), known[0] if known else Evaluation.at(pieces, start)
     damping, cost, gain, past = 0.0, np.inf, np.inf, np.inf
     found, there, spent = None, start.parameters, False
     visits: list[Iterate] = []
     walked: np.ndarray | None = None
+    moved = np.zeros(0)
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
     # then the noise that samples show between each other is the better guess of the levels
     nearby = here.cost(pieces, prior) < NEARBY * samples
@@ -106,13 +116,14 @@ def fit(pieces: Sequence[RecordingTerm], start: Point, prior: Prior, patience: i
         cost = here.cost(pieces, prior)
         visits.append(Iterate.of(here, pieces, cost, walked))
         if not (settled and spent and found is not None):
-            found, past, there = normal_at(pieces, here, prior), gain, here.point.parameters
+            found = known[1] if known and not iteration else normal_at(pieces, here, prior)
+            past, there, moved = gain, here.point.parameters, np.zeros(len(found.gradient))
             gain = found.motion_gain + float(found.gradient @ _solved(found.information, found.gradient, 0.0))
         logger.info(
             "%d: cost %.8g, gain %.3g, noise %.2g, damping %.1e", iteration, cost, gain, change, damping
         )
         if settled and (spent or gain < NEAR):
-            found = _by_steps_at(here.point.parameters, there, found)
+            found = _by_steps_at(here.point.parameters, there, found.after(moved))
             return Fit(here, pieces, found, cost, samples, iteration, tuple(visits))
         try:
             step = _stepped(pieces, here, found, cost, prior, None, damping)
@@ -123,8 +134,8 @@ def fit(pieces: Sequence[RecordingTerm], start: Point, prior: Prior, patience: i
             walked = np.zeros(here.point.parameters.size)
             continue
         spent = gain * min(gain / past, 1.0) < LAST and abs(cost - step.cost - gain) < 0.2 * gain
-        here, damping = step.seen, step.damping
-        walked = step.step[: here.point.parameters.size]
+        here, damping, moved = step.seen, step.damping, step.step
+        walked = moved[: here.point.parameters.size]
     raise _stuck(cost, gain, patience).at(pieces, here, visits)
 
 

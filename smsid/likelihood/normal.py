@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack, solve_triangular
@@ -22,13 +23,15 @@ class Normal:
     """Information (n, n) of data and prior by (parameters, local ones by piece), and gradient (n,).
 
     The joints' motion is eliminated: ``motions`` by piece follow a step of all else, each that of its own
-    components of the step in units of so many present ones.
+    components of the step in units of so many present ones. ``common`` are, by piece, its number of local
+    parameters, and what it adds to information (m, m) and gradient (m,) of the m common ones.
     """
 
     data: np.ndarray
     prior: np.ndarray
     gradient: np.ndarray
     motions: tuple[tuple[np.ndarray, np.ndarray, EliminatedMotion] | None, ...] = ()
+    common: tuple[tuple[int, np.ndarray, np.ndarray], ...] = ()
 
     @property
     def information(self) -> np.ndarray:
@@ -39,7 +42,35 @@ class Normal:
         """Return them by parameters whose units are so many of the present ones (n,)."""
         both = np.outer(units, units)
         motions = tuple(x and (x[0], x[1] * units[x[0]], x[2]) for x in self.motions)
-        return Normal(self.data * both, self.prior * both, self.gradient * units, motions)
+        m = len(self.gradient) - sum(n for n, _, _ in self.common)
+        common = tuple((n, data * both[:m, :m], slope * units[:m]) for n, data, slope in self.common)
+        return Normal(self.data * both, self.prior * both, self.gradient * units, motions, common)
+
+    def after(self, step: np.ndarray) -> Normal:
+        """Return them after a step (n,) with the motion that follows it, as far as they are quadratic."""
+        m, common = len(self.gradient) - sum(n for n, _, _ in self.common), []
+        for (n, data, slope), own in zip(self.common, self._places, strict=True):
+            common.append((n, data, slope - data @ step[:m] - self.data[:m, own] @ step[own]))
+        return replace(self, gradient=self.gradient - self.information @ step, common=tuple(common))
+
+    @property
+    def _places(self) -> list[slice]:
+        """Where the local parameters of the pieces are."""
+        ends = np.cumsum(
+            [len(self.gradient) - sum(n for n, _, _ in self.common), *(n for n, _, _ in self.common)]
+        )
+        return [slice(*pair) for pair in pairwise(ends.tolist())]
+
+    def of_pieces(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return by piece what its data tell once its local parameters are estimated, as `of_common`."""
+        out = []
+        for (_, data, slope), own in zip(self.common, self._places, strict=True):
+            m = len(slope)
+            cross, rest = self.data[:m, own], self.information[own, own]
+            mine = np.block([[data, cross], [cross.T, rest]])
+            gradient = np.concatenate([slope, self.gradient[own]])
+            out.append(Normal(mine, np.zeros_like(mine), gradient).of_common(m))
+        return out
 
     def of_common(self, size: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the data's information (size, size) and gradient once all local parameters are estimated.
@@ -103,7 +134,7 @@ def normal_at(
     data, known, gradient = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     residual, jacobian = prior.residual(point.parameters)
     known[:size, :size] = jacobian.T @ jacobian
-    first, motions = size, []
+    first, motions, common = size, [], []
     if with_data:
         gradient[:size] -= jacobian.T @ residual
     parts = zip(pieces, point.locals, seen.predictions, seen.residuals, strict=True)
@@ -112,6 +143,7 @@ def normal_at(
         place = np.concatenate([np.arange(size), np.arange(first, first + piece.size)])
         data[np.ix_(place, place)] += found.information
         gradient[place] += found.gradient
+        common.append((piece.size, found.information[:size, :size], found.gradient[:size]))
         mine = slice(first, first + piece.size)
         own, pull, _ = piece.prior(local)
         known[mine, mine] += own
@@ -120,7 +152,7 @@ def normal_at(
         order = place[found.order]
         motions.append(found.motion and (order, np.ones(len(order)), found.motion))
         first += piece.size
-    return Normal(data, known, gradient, tuple(motions))
+    return Normal(data, known, gradient, tuple(motions), tuple(common))
 
 
 def inverse(information: np.ndarray) -> np.ndarray:

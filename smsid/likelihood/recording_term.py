@@ -108,7 +108,10 @@ class RecordingTerm:
 
     def as_measured(self, local: NuisanceValues) -> NuisanceValues:
         """Return the local values with the joints' motion as encoders have it, by their clock."""
-        return local if self.drive.joints is None else replace(local, motion=self.drive.joints.coefficients)
+        joints = self.drive.joints
+        if joints is None or local.motion is joints.coefficients:
+            return local
+        return replace(local, motion=joints.coefficients)
 
     def in_true_time(self, local: NuisanceValues) -> NuisanceValues:
         """Return the local values with the joints' motion as encoders have it, their clock set right."""

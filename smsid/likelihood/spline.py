@@ -9,6 +9,7 @@ criterion prefers: misfit of the motion biases every parameter, while noise of t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -21,6 +22,7 @@ from smsid.identify.valid_samples import outliers
 DEGREE = 5
 CLEANINGS = 3
 COARSEST = 20.0  # [s] between the knots that are tried first
+LOOKS, ENOUGH = 8, 2500  # stretches of a long record, and samples of each, that its knots are chosen by
 SMOOTH = 1e-12  # weight of third differences of coefficients, relative to that of samples
 SLACK = 1e-9  # [s]
 WINDOW = DEGREE + 2  # functions that act somewhere in a stretch no longer than the spacing of the knots
@@ -175,17 +177,40 @@ def fit_motion(
 def _best(samples: list[Samples], start: float, stop: float, shortest: float) -> _Fitted:
     best: tuple[float, int] | None = None
     intervals, worse = 4, 0
-    while (stop - start) / intervals > COARSEST:
+    stretches = _stretches(samples, start, stop)
+    length = stretches[0][2] - stretches[0][1]
+    while length / intervals > COARSEST:
         intervals = int(np.ceil(intervals * 1.3))
-    while (stop - start) / intervals >= shortest and worse < 3:
-        score = _Fitted.of(samples, start, stop, intervals).score
+    while length / intervals >= shortest and worse < 3:
+        score = sum(_Fitted.of(*stretch, intervals).score for stretch in stretches)
         if best is None or score < best[0]:
             best, worse = (score, intervals), 0
         else:
             worse += 1
         intervals = int(np.ceil(intervals * 1.3))
     assert best is not None
-    return _Fitted.of(samples, start, stop, best[1])
+    return _Fitted.of(samples, start, stop, int(best[1] * (stop - start) / length + SLACK))
+
+
+def _stretches(samples: list[Samples], start: float, stop: float) -> list[tuple[list[Samples], float, float]]:
+    """The whole; of a long record stretches of one length, spread over it, and where most moves."""
+    count = int(max(len(s.times) for s in samples) / ENOUGH)
+    if count < 2 * LOOKS:
+        return [(samples, start, stop)]
+    edges, found = np.linspace(start, stop, count + 1).tolist(), []
+    for first, last in pairwise(edges):
+        own = [s.only((s.times >= first) & (s.times < last)) for s in samples]
+        if all(len(s.times) > ENOUGH // 2 for s in own):
+            found.append(
+                (sum(float(np.sum(np.ptp(s.values / s.sigma, axis=0))) for s in own), (own, first, last))
+            )
+    if len(found) < LOOKS:
+        return [(samples, start, stop)]
+    chosen = {
+        *np.linspace(0, len(found) - 1, LOOKS).astype(int).tolist(),
+        int(np.argmax([x for x, _ in found])),
+    }
+    return [found[k][1] for k in sorted(chosen)]
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,8 @@ def identify_translation(
     """Identify M, slosh and appendages from recordings of Exp. 1 (several: one per axis, say).
 
     An axis is taken from the first recording that identifies it; axes that cannot be identified are named in
-    ``notes``, and what they would tell stays as described. ``replicates``: whether noise is added once more to
-    see how far it moves modes and several tanks. Raises `NotIdentifiableError` when a recording rotates or
+    ``notes``, and what they would tell stays as described. ``replicates``: whether noise added again shows
+    how far it moves modes and several tanks. Raises `NotIdentifiableError` when a recording rotates or
     does not start at rest, or when no axis can be identified for another reason than noise.
     """
     axes: dict[str, AxisEstimate] = {}

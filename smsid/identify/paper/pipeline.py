@@ -59,7 +59,7 @@ def identify(
     guesses only, its geometry (mounts, c_s, sensor positions, wheel axes and inertia, panel shape) is taken
     as known. ``modal``: how Exp. 2 estimates bending, see `identify_momentum`. ``refine_pose_point``: take
     the position of the pose sensor (and the IMU beside it) for a guess too, see `PosePoint`. ``replicates``:
-    whether intervals come from noise added once more; a first guess needs none, and takes a third of the time.
+    whether intervals come from noise added once more; a first guess needs none.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` for recordings that cannot
     identify what is asked.
@@ -162,9 +162,7 @@ def _as_given(
     return as_described(given.with_effects(*(e for e in changed if e.name not in own)), bending)
 
 
-def _mended(
-    description: Description, recordings: Sequence[Recording]
-) -> tuple[list[Mended], list[str]]:
+def _mended(description: Description, recordings: Sequence[Recording]) -> tuple[list[Mended], list[str]]:
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
     for recording in recordings:

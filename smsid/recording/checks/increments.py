@@ -19,6 +19,8 @@ FloatArray = NDArray[np.float64]
 
 MIN_SPANS = 20
 """Fewer independent spans correlate by chance."""
+MAX_SPANS = 30_000
+"""Of a longer recording spans begin at every so many samples: more tell no more."""
 MAX_TURN = 0.7
 """Rotation over a span [rad] above which rotation vectors and integrals of body rates differ."""
 
@@ -71,16 +73,17 @@ class KinematicPair:
         size = int(stop - first)
         if size <= 2 * MIN_SPANS or count > size // MIN_SPANS:
             return None
-        stride = max(1, count // 4)
-        t = self.t[first:stop:stride]
-        begins, ends = t[: -(count // stride)], t[count // stride :]
-        a = self._increments(slice(first, stop - count, stride), count, column, kept=lag != 0.0)
+        stride = max(1, count // 4, size // MAX_SPANS)
+        starts, stops = slice(first, stop - count, stride), slice(first + count, stop, stride)
+        a = self._increments(starts, count, column, kept=lag != 0.0)
         if a is None:
             return None
-        at = np.clip(t + lag, self.times[0], self.times[-1])
-        s = np.column_stack([np.interp(at, self.times, own) for own in self._driven.T[column]])
-        b = s[count // stride :] - s[: -(count // stride)]
+        begins, ends = self.t[starts], self.t[stops]
         (own, rate), late = self._gaps, (begins + lag, ends + lag)
+        if lag == 0.0 and self._one_clock:
+            b = self._driven[stops, column] - self._driven[starts, column]
+        else:
+            b = self._driven_at(late[1], column) - self._driven_at(late[0], column)
         whole = ~(crosses_a_gap(own, begins, ends) | crosses_a_gap(rate, *late))
         if np.count_nonzero(whole) < MIN_SPANS:
             return None
@@ -90,6 +93,14 @@ class KinematicPair:
     @cached_property
     def _driven(self) -> FloatArray:
         return integral(self.times, self.v)
+
+    @cached_property
+    def _one_clock(self) -> bool:
+        return np.array_equal(self.t, self.times)
+
+    def _driven_at(self, times: FloatArray, column: slice) -> FloatArray:
+        at = np.clip(times, self.times[0], self.times[-1])
+        return np.column_stack([np.interp(at, self.times, own) for own in self._driven.T[column]])
 
     @cached_property
     def _step(self) -> float:
