@@ -37,11 +37,8 @@ MAX_LAG = 1.0
 
 def component_labels(recording: Recording, name: str) -> tuple[str, ...]:
     """Return the labels of a channel's components; where it has none, the dimension and a number."""
-    channel = recording.channel(name)
-    dim = channel.dims[1]
-    if dim in channel.coords:
-        return tuple(str(label) for label in channel.coords[dim].values)
-    return tuple(f"{dim} {k}" for k in range(channel.shape[1]))
+    dim, labels = next(iter(recording.columns(name).items()))
+    return labels or tuple(f"{dim} {k}" for k in range(recording[name].shape[1]))
 
 
 @dataclass(frozen=True)
