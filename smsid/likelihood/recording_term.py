@@ -116,7 +116,7 @@ class RecordingTerm:
     def in_true_time(self, local: NuisanceValues) -> NuisanceValues:
         """Return the local values with the joints' motion as encoders have it, their clock set right."""
         joints = self.drive.joints
-        if joints is None or joints.sensor not in local.clock:
+        if joints is None or not np.any(local.clock.get(joints.sensor, 0.0)):
             return self.as_measured(local)
         return replace(local, motion=refit_coefficients(joints, local.clock[joints.sensor]))
 

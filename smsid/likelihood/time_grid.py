@@ -145,6 +145,6 @@ class Timeline:
             for j in range(POINTS):
                 if i != j:
                     weights[:, i] *= (local - j) / (i - j)
-        columns = (offset[segment] + first)[:, None] + np.arange(POINTS)
-        rows = np.repeat(np.arange(len(times)), POINTS)
-        return csr_array((weights.ravel(), (rows, columns.ravel())), shape=(len(times), int(offset[-1])))
+        columns = (offset[segment] + first).astype(np.int32)[:, None] + np.arange(POINTS, dtype=np.int32)
+        starts = np.arange(0, weights.size + 1, POINTS, dtype=np.int32)
+        return csr_array((weights.ravel(), columns.ravel(), starts), shape=(len(times), int(offset[-1])))

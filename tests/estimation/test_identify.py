@@ -15,7 +15,7 @@ from smsid.identify.estimate import Estimate
 def test_marginal_combinations_go_to_the_filter_which_marks_them(evidence, monkeypatch):
     message = "The identifiable combinations change with the sensors' noise: l1.m."
 
-    def raises(*_):
+    def raises(*_, **__):
         raise NotIdentifiableError(message, **({evidence: True} if evidence else {}))
 
     estimate = Estimate("x", "ml", (), notes=("first", "last"))

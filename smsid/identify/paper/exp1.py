@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError, RecordingError
-from smsid.identify.appendage_modes import panel_modes
+from smsid.identify.appendage_modes import FEWEST_ROWS, MOST_ROWS, panel_modes
 from smsid.identify.clocks import event_times, rate_of, sample_channel
 from smsid.identify.commanded import excited_axes
 from smsid.identify.paper.exp1_axis_data import SMOOTHING, axis_data
@@ -226,7 +226,8 @@ def _modes(
         try:
             y = averaged_at_steps(time, sample_channel(recording, sensor, "acceleration", time, None), steps)
             y = y[:, :, axis]
-            modes = panel_modes(time, y, base[:, axis], free_from=last)
+            rows = MOST_ROWS if replicates else FEWEST_ROWS
+            modes = panel_modes(time, y, base[:, axis], free_from=last, most_rows=rows)
             clamped, coupled = mode_sigmas(
                 time,
                 y,

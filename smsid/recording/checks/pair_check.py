@@ -99,7 +99,7 @@ class PairCheck:
 
     def _best(self, pair: KinematicPair) -> list[_Best | None]:
         best: list[_Best | None] = [None] * len(self.labels)
-        for span in pair.spans():
+        for span in pair.spans:
             a, b = span.increments, span.integrals
             aa, bb = np.sum(a * a, axis=0), np.sum(b * b, axis=0)
             floor = a.shape[0] * (1e-12 * (1.0 + float(np.abs(self.pair.x).max()))) ** 2
@@ -267,7 +267,7 @@ class PairCheck:
 def _explained(pair: KinematicPair, usable: list[bool]) -> float | None:
     """Give the largest share of the integrals' variance that the increments explain, over all spans."""
     shares = []
-    for s in pair.spans():
+    for s in pair.spans:
         a, b = s.increments[:, usable], s.integrals[:, usable]
         total = float(np.sum(b * b))
         if total > 0.0:
