@@ -208,8 +208,8 @@ def identify_command(
     made = write_page(report, page, [description, *files], described)
     if states is not None and found.flights is not None:
         write_states(found.flights, states)
-    other = linear.estimate if linear is not None and found.refined is not None else None
-    print_estimate(estimate, other, everything=show_all)
+    more = linear.estimate.notes if linear is not None and found.refined is not None else ()
+    print_estimate(estimate, more, everything=show_all)
     written = [output, *made, *([states] if states is not None else [])]
     say(f"identified in {seconds:.1f} s")
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)

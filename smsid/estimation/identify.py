@@ -119,14 +119,16 @@ def identify_spacecraft(
 def _wrong_columns(
     quality: FitQuality, description: Description, recordings: Sequence[Recording]
 ) -> list[str]:
-    return wrong_columns(description, recordings) if quality.judgement == "not explained" else []
+    first = [_beginning(r) for r in recordings]
+    return wrong_columns(description, first) if quality.judgement == "not explained" else []
 
 
 def _with_wrong_columns(
     error: SmsidError, description: Description, recordings: Sequence[Recording]
 ) -> SmsidError:
     """Return the error of a search without rest, with the columns that may be wrong; another one as it is."""
-    wrong = wrong_columns(description, recordings) if isinstance(error, NotIdentifiableError) else []
+    first = [_beginning(r) for r in recordings]
+    wrong = wrong_columns(description, first) if isinstance(error, NotIdentifiableError) else []
     advice = ". ".join([*wrong, error.advice])
     return NotIdentifiableError(error.message, advice=advice, **error.evidence) if wrong else error
 

@@ -9,7 +9,6 @@ criterion prefers: misfit of the motion biases every parameter, while noise of t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -38,9 +37,9 @@ class Samples:
     values: np.ndarray
     sigma: np.ndarray
 
-    def only(self, kept: np.ndarray) -> Samples:
+    def only(self, kept: np.ndarray | slice) -> Samples:
         """Return some of the samples (N,)."""
-        return self if kept.all() else replace(self, times=self.times[kept], values=self.values[kept])
+        return replace(self, times=self.times[kept], values=self.values[kept])
 
 
 @dataclass(frozen=True)
@@ -167,8 +166,13 @@ def fit_motion(
         bad = [outliers(s.values - along(fitted.spline, s.times, s.derivative))[0] for s in samples]
         if not any(b.any() for b in bad):
             break
-        samples = [s.only(~b) for s, b in zip(samples, bad, strict=True)]
-        fitted = _best(samples, start, stop, shortest)
+        samples = [s.only(~b) if b.any() else s for s, b in zip(samples, bad, strict=True)]
+        long = len(_stretches(samples, start, stop)) > 1  # then few samples do not decide on the knots
+        fitted = (
+            _Fitted.of(samples, start, stop, fitted.intervals)
+            if long
+            else _best(samples, start, stop, shortest)
+        )
     return replace(fitted.motion(rate), samples=tuple(samples), sensor=sensor)
 
 
@@ -195,20 +199,20 @@ def _stretches(samples: list[Samples], start: float, stop: float) -> list[tuple[
     count = int(max(len(s.times) for s in samples) / ENOUGH)
     if count < 2 * LOOKS:
         return [(samples, start, stop)]
-    edges, found = np.linspace(start, stop, count + 1).tolist(), []
-    for first, last in pairwise(edges):
-        own = [s.only((s.times >= first) & (s.times < last)) for s in samples]
-        if all(len(s.times) > ENOUGH // 2 for s in own):
-            found.append(
-                (sum(float(np.sum(np.ptp(s.values / s.sigma, axis=0))) for s in own), (own, first, last))
-            )
-    if len(found) < LOOKS:
+    edges, lively, full = np.linspace(start, stop, count + 1), np.zeros(count), np.ones(count, dtype=bool)
+    cuts = [np.searchsorted(s.times, edges) for s in samples]
+    for s, cut in zip(samples, cuts, strict=True):
+        full &= np.diff(cut) > ENOUGH // 2
+        first, scaled = np.minimum(cut[:-1], len(s.times) - 1), s.values / s.sigma
+        lively += (np.maximum.reduceat(scaled, first) - np.minimum.reduceat(scaled, first)).sum(axis=1)
+    able = np.flatnonzero(full)
+    if len(able) < LOOKS:
         return [(samples, start, stop)]
-    chosen = {
-        *np.linspace(0, len(found) - 1, LOOKS).astype(int).tolist(),
-        int(np.argmax([x for x, _ in found])),
-    }
-    return [found[k][1] for k in sorted(chosen)]
+    chosen = {*able[np.linspace(0, len(able) - 1, LOOKS).astype(int)], able[np.argmax(lively[able])]}
+    return [
+        ([s.only(slice(*cut[k : k + 2])) for s, cut in zip(samples, cuts, strict=True)], *edges[k : k + 2])
+        for k in sorted(chosen)
+    ]
 
 
 @dataclass(frozen=True)
