@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from smsid.errors import NotIdentifiableError, SimulationError
 from smsid.likelihood.history import Iterate
@@ -28,7 +27,6 @@ logger = logging.getLogger(__name__)
 ITERATIONS = 100
 NEAR = 1e-4  # a step counts as none when it would gain this much in the sum of squares: 0.01 sigma
 LAST = 1e-3  # extrapolated from the last two steps: what the next would gain, so that it can be left out
-JITTERS = (0.0, 1e-12, 1e-9, 1e-6)  # added to a unit diagonal until it is positive definite
 LONGEST_STEP = 3.0  # a factor of 20 in a scalar, three times a body's size
 CLOSE = 0.01  # share of the sum of squares still to gain below which the joints' motion is estimated too
 NEARBY = 5.0  # sum of squares a sample, at the noise samples show, up to which a start is near the maximum
@@ -118,7 +116,7 @@ def fit(
         if not (settled and spent and found is not None):
             found = known[1] if known and not iteration else normal_at(pieces, here, prior)
             past, there, moved = gain, here.point.parameters, np.zeros(len(found.gradient))
-            gain = found.motion_gain + float(found.gradient @ _solved(found.information, found.gradient, 0.0))
+            gain = found.motion_gain + float(found.gradient @ found.solved())
         logger.info(
             "%d: cost %.8g, gain %.3g, noise %.2g, damping %.1e", iteration, cost, gain, change, damping
         )
@@ -165,7 +163,7 @@ def minimise(
         cost = here.cost(pieces, prior)
         free = _free(len(found.gradient), fixed)
         gradient = found.gradient[free]
-        gain = float(gradient @ _solved(found.information[np.ix_(free, free)], gradient, 0.0))
+        gain = float(gradient @ found.solved(free))
         gain += found.motion_gain
         if gain < NEAR:
             return Minimum(here.point, found, cost, iteration)
@@ -204,7 +202,7 @@ def _stepped(
     step = np.zeros(len(free))
     gain = np.inf
     while damping < 1e10:
-        step[free] = own = _solved(information, gradient, damping)
+        step[free] = own = found.solved(free, damping)
         gain = found.motion_gain + float(2.0 * gradient @ own - own @ information @ own)
         trial, new = None, np.inf
         if np.abs(step[: here.point.parameters.size]).max() < LONGEST_STEP:
@@ -242,18 +240,6 @@ def _change(before: Sequence[RecordingTerm], after: Sequence[RecordingTerm]) -> 
         for new, old in zip(after, before, strict=True)
         for a, b in zip(new.channels, old.channels, strict=True)
     )
-
-
-def _solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
-    scale = 1.0 / np.sqrt(np.diag(information))
-    scaled = information * np.outer(scale, scale)
-    for jitter in JITTERS:
-        try:
-            scaled[np.diag_indices_from(scaled)] = 1.0 + damping + jitter
-            return scale * cho_solve(cho_factor(scaled), scale * gradient)
-        except np.linalg.LinAlgError:
-            continue  # far off, rounding may leave an eigenvalue below zero
-    raise _stuck(float("nan"), float("nan"), 0)
 
 
 def _stuck(cost: float, gain: float, iteration: int) -> ConvergenceError:

@@ -17,6 +17,9 @@ from smsid.likelihood.point import Evaluation
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
 
+ROUNDING = 1e-13  # of information summed over a recording, relative to the largest at unit diagonal
+SINGULAR = 1e-14  # of a root at unit diagonal
+
 
 @dataclass(frozen=True)
 class Normal:
@@ -100,8 +103,33 @@ class Normal:
         return [x and x[2].step(x[1] * step[x[0]], newton=newton) for x in self.motions]
 
     @cached_property
+    def _roots(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Roots (n, n) of data and prior, by a scale (n,) that brings their sum to unit diagonal.
+
+        What the data tell less than rounding of what they tell best is nothing: beside a long recording's
+        information a prior is less than rounding, too, so the two are never summed but as roots.
+        """
+        scale = 1.0 / np.sqrt(np.diag(self.information))
+        size, basis = np.linalg.eigh(self.data * np.outer(scale, scale))
+        size = np.where(size > ROUNDING * size[-1], size, 0.0)
+        return np.sqrt(size)[:, None] * basis.T, np.diag(np.sqrt(np.diag(self.prior)) * scale), scale
+
+    @cached_property
     def _factor(self) -> tuple[np.ndarray, np.ndarray]:
-        return _factored(self.information)
+        data, known, scale = self._roots
+        return _triangular(np.vstack([data, known])), scale
+
+    def solved(self, free: np.ndarray | slice = slice(None), damping: float = 0.0) -> np.ndarray:
+        """Return the step of ``free`` components, ``damping`` added to the unit diagonal of all."""
+        data, known, scale = self._roots
+        rows = np.vstack([data, known, np.sqrt(damping) * np.eye(len(scale))])[:, free]
+        return scale[free] * cho_solve((_triangular(rows), True), scale[free] * self.gradient[free])
+
+    def common_root(self, size: int) -> np.ndarray:
+        """Return a root (size, size) of what the data tell of common parameters, as `of_common`."""
+        data, known, scale = self._roots
+        own = np.vstack([np.roll(data, -size, axis=1), np.roll(known, -size, axis=1)[size:]])
+        return np.linalg.qr(own, mode="r")[len(scale) - size :, len(scale) - size :] / scale[:size]
 
     @cached_property
     def _covariance(self) -> np.ndarray:
@@ -163,15 +191,27 @@ def inverse(information: np.ndarray) -> np.ndarray:
     return _inverse(*_factored(information))
 
 
+def _triangular(root: np.ndarray) -> np.ndarray:
+    """Return L (n, n), lower, with L L^T = root^T root."""
+    upper = np.linalg.qr(root, mode="r")
+    if np.abs(np.diag(upper)).min(initial=1.0) < SINGULAR:
+        raise _undetermined()
+    return (upper * np.sign(np.diag(upper))[:, None]).T
+
+
+def _undetermined() -> NotIdentifiableError:
+    return NotIdentifiableError(
+        "Neither data nor prior determine all parameters.",
+        advice="Give the effect concerned a `prior`, or leave it out.",
+    )
+
+
 def _factored(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return L (n, n), lower, of a matrix that ``scale`` (n,), returned too, brings to unit diagonal."""
     scale = 1.0 / np.sqrt(np.diag(information))
     factor, fault = lapack.dpotrf(information * np.outer(scale, scale), lower=1, overwrite_a=1)
     if fault:
-        raise NotIdentifiableError(
-            "Neither data nor prior determine all parameters.",
-            advice="Give the effect concerned a `prior`, or leave it out.",
-        )
+        raise _undetermined()
     return factor, scale
 
 
