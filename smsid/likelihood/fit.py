@@ -131,7 +131,12 @@ def fit(
             spent = True  # as good as rounding allows
             walked = np.zeros(here.point.parameters.size)
             continue
-        spent = gain * min(gain / past, 1.0) < LAST and abs(cost - step.cost - gain) < 0.2 * gain
+        off = abs(
+            cost - step.cost - gain
+        )  # of what was predicted; its share of it is that of the step, about
+        left = gain * min(gain / past, 1.0) if np.isfinite(past) else off**2 / gain
+        logger.info("gained %.6g of %.6g, left %.2g", cost - step.cost, gain, left)
+        spent = left < LAST and off < 0.2 * gain
         here, damping, moved = step.seen, step.damping, step.step
         walked = moved[: here.point.parameters.size]
     raise _stuck(cost, gain, patience).at(pieces, here, visits)

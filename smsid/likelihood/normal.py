@@ -28,6 +28,7 @@ class Normal:
     The joints' motion is eliminated: ``motions`` by piece follow a step of all else, each that of its own
     components of the step in units of so many present ones. ``common`` are, by piece, its number of local
     parameters, and what it adds to information (m, m) and gradient (m,) of the m common ones.
+    ``pull`` (n,) is the prior's part of the gradient.
     """
 
     data: np.ndarray
@@ -35,6 +36,7 @@ class Normal:
     gradient: np.ndarray
     motions: tuple[tuple[np.ndarray, np.ndarray, EliminatedMotion] | None, ...] = ()
     common: tuple[tuple[int, np.ndarray, np.ndarray], ...] = ()
+    pull: np.ndarray | float = 0.0
 
     @property
     def information(self) -> np.ndarray:
@@ -47,14 +49,16 @@ class Normal:
         motions = tuple(x and (x[0], x[1] * units[x[0]], x[2]) for x in self.motions)
         m = len(self.gradient) - sum(n for n, _, _ in self.common)
         common = tuple((n, data * both[:m, :m], slope * units[:m]) for n, data, slope in self.common)
-        return Normal(self.data * both, self.prior * both, self.gradient * units, motions, common)
+        pull = self.pull * units
+        return Normal(self.data * both, self.prior * both, self.gradient * units, motions, common, pull)
 
     def after(self, step: np.ndarray) -> Normal:
         """Return them after a step (n,) with the motion that follows it, as far as they are quadratic."""
         m, common = len(self.gradient) - sum(n for n, _, _ in self.common), []
         for (n, data, slope), own in zip(self.common, self._places, strict=True):
             common.append((n, data, slope - data @ step[:m] - self.data[:m, own] @ step[own]))
-        return replace(self, gradient=self.gradient - self.information @ step, common=tuple(common))
+        slopes = {"gradient": self.gradient - self.information @ step, "pull": self.pull - self.prior @ step}
+        return replace(self, **slopes, common=tuple(common))
 
     @property
     def _places(self) -> list[slice]:
@@ -103,31 +107,36 @@ class Normal:
         return [x and x[2].step(x[1] * step[x[0]], newton=newton) for x in self.motions]
 
     @cached_property
-    def _roots(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Roots (n, n) of data and prior, by a scale (n,) that brings their sum to unit diagonal.
+    def _roots(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Roots (n, n) of data and prior, by the scale (n,) of their sum's unit diagonal; gradient by it.
 
-        What the data tell less than rounding of what they tell best is nothing: beside a long recording's
-        information a prior is less than rounding, too, so the two are never summed but as roots.
+        What the data tell less than rounding of what they tell best is nothing, nor is their gradient there:
+        beside a long recording's information a prior is less than rounding, too, so the two are never summed
+        but as roots.
         """
         scale = 1.0 / np.sqrt(np.diag(self.information))
         size, basis = np.linalg.eigh(self.data * np.outer(scale, scale))
-        size = np.where(size > ROUNDING * size[-1], size, 0.0)
-        return np.sqrt(size)[:, None] * basis.T, np.diag(np.sqrt(np.diag(self.prior)) * scale), scale
+        told = size > ROUNDING * size[-1]
+        slope = (
+            basis[:, told] @ (basis[:, told].T @ (scale * (self.gradient - self.pull))) + scale * self.pull
+        )
+        data = np.sqrt(np.where(told, size, 0.0))[:, None] * basis.T
+        return data, np.diag(np.sqrt(np.diag(self.prior)) * scale), scale, slope
 
     @cached_property
     def _factor(self) -> tuple[np.ndarray, np.ndarray]:
-        data, known, scale = self._roots
+        data, known, scale, _ = self._roots
         return _triangular(np.vstack([data, known])), scale
 
     def solved(self, free: np.ndarray | slice = slice(None), damping: float = 0.0) -> np.ndarray:
         """Return the step of ``free`` components, ``damping`` added to the unit diagonal of all."""
-        data, known, scale = self._roots
+        data, known, scale, slope = self._roots
         rows = np.vstack([data, known, np.sqrt(damping) * np.eye(len(scale))])[:, free]
-        return scale[free] * cho_solve((_triangular(rows), True), scale[free] * self.gradient[free])
+        return scale[free] * cho_solve((_triangular(rows), True), slope[free])
 
     def common_root(self, size: int) -> np.ndarray:
         """Return a root (size, size) of what the data tell of common parameters, as `of_common`."""
-        data, known, scale = self._roots
+        data, known, scale, _ = self._roots
         own = np.vstack([np.roll(data, -size, axis=1), np.roll(known, -size, axis=1)[size:]])
         return np.linalg.qr(own, mode="r")[len(scale) - size :, len(scale) - size :] / scale[:size]
 
@@ -159,12 +168,12 @@ def normal_at(
     point = seen.point
     size = point.parameters.size
     n = size + sum(p.size for p in pieces)
-    data, known, gradient = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    (data, known), (gradient, pull) = np.zeros((2, n, n)), np.zeros((2, n))
     residual, jacobian = prior.residual(point.parameters)
     known[:size, :size] = jacobian.T @ jacobian
     first, motions, common = size, [], []
     if with_data:
-        gradient[:size] -= jacobian.T @ residual
+        pull[:size] -= jacobian.T @ residual
     parts = zip(pieces, point.locals, seen.predictions, seen.residuals, strict=True)
     for piece, local, prediction, residuals in parts:
         found = normal(piece, point.parameters, local, prediction, residuals if with_data else None)
@@ -173,14 +182,14 @@ def normal_at(
         gradient[place] += found.gradient
         common.append((piece.size, found.information[:size, :size], found.gradient[:size]))
         mine = slice(first, first + piece.size)
-        own, pull, _ = piece.prior(local)
+        own, slope, _ = piece.prior(local)
         known[mine, mine] += own
         if with_data:
-            gradient[mine] += pull
+            pull[mine] += slope
         order = place[found.order]
         motions.append(found.motion and (order, np.ones(len(order)), found.motion))
         first += piece.size
-    return Normal(data, known, gradient, tuple(motions), tuple(common))
+    return Normal(data, known, gradient + pull, tuple(motions), tuple(common), pull)
 
 
 def inverse(information: np.ndarray) -> np.ndarray:
