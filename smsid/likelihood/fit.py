@@ -117,9 +117,9 @@ def fit(
             found = known[1] if known and not iteration else normal_at(pieces, here, prior)
             past, there, moved = gain, here.point.parameters, np.zeros(len(found.gradient))
             gain = found.motion_gain + float(found.gradient @ found.solved())
-        logger.info(
-            "%d: cost %.8g, gain %.3g, noise %.2g, damping %.1e", iteration, cost, gain, change, damping
-        )
+        own = gain - found.motion_gain  # what is not the joints' motion alone
+        said = "%d: cost %.8g, gain %.3g, %.2g of parameters, noise %.2g, damping %.1e"
+        logger.info(said, iteration, cost, gain, own, change, damping)
         if settled and (spent or gain < NEAR):
             found = _by_steps_at(here.point.parameters, there, found.after(moved))
             return Fit(here, pieces, found, cost, samples, iteration, tuple(visits))
@@ -225,7 +225,8 @@ def _stepped(
                 damping = max(4.0 * damping, 1e-6)
             return _Step(trial, step, new, damping)
         logger.debug("refused: damping %.1e, longest %.2g, cost %.8g", damping, np.abs(step).max(), new)
-        if gain < 100 * NEAR and trial is not None:
+        # where knots lie as close as nodes, derivatives by the joints' motion are not exact: it may not gain
+        if gain - found.motion_gain < 100 * NEAR and trial is not None:
             return None
         damping = max(10.0 * damping, 1e-6)
     raise _stuck(cost, gain, 0)
