@@ -94,7 +94,7 @@ class Channel:
     def to_coarse(self, samples: np.ndarray) -> np.ndarray:
         """Return the coarse weights' transpose times what is at the samples (N, k): (coarse nodes, k)."""
         if self.rows is not None:
-            whole = np.zeros((self.coarse_weights.shape[0], samples.shape[1]))
+            whole = np.zeros((self.coarse_weights.shape[0], samples.shape[1]))  # type: ignore[index]
             whole[self.rows], samples = samples, whole
         return self.coarse_weights.T @ samples
 

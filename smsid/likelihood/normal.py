@@ -138,7 +138,8 @@ class Normal:
         """Return a root (size, size) of what the data tell of common parameters, as `of_common`."""
         data, known, scale, _ = self._roots
         own = np.vstack([np.roll(data, -size, axis=1), np.roll(known, -size, axis=1)[size:]])
-        return np.linalg.qr(own, mode="r")[len(scale) - size :, len(scale) - size :] / scale[:size]
+        upper = np.asarray(np.linalg.qr(own, mode="r"))
+        return upper[len(scale) - size :, len(scale) - size :] / scale[:size]
 
     @cached_property
     def _covariance(self) -> np.ndarray:

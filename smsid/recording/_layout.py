@@ -278,7 +278,7 @@ def _dims(
 def _labels(
     labels: Mapping[str, Sequence[str]], sizes: Mapping[str, tuple[int, str]]
 ) -> dict[str, tuple[str, ...]]:
-    found = {dim: tuple(names) for dim, names in FIXED_LABELS.items() if dim in sizes}
+    found: dict[str, tuple[str, ...]] = {k: tuple(x) for k, x in FIXED_LABELS.items() if k in sizes}
     for key, values in labels.items():
         kind = key.rpartition(".")[2]
         names = [values] if isinstance(values, str) else [str(value) for value in values]

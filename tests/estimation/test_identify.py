@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,5 +56,6 @@ def test_a_long_flight_begins_with_its_first_samples(monkeypatch):
         return "whole"
 
     monkeypatch.setattr(identify, "by_the_paper", paper)
-    assert identify._started(None, [long], None) == ("whole", "whole")
+    started: Any = identify._started
+    assert started(None, [long], None) == ("whole", "whole")
     assert asked == [few + 1, len(t)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -203,7 +204,7 @@ def test_a_channel_without_some_samples_shares_its_weights():
     times, rng = np.linspace(0.0, 4.0, 301), np.random.default_rng(6)
     weights, coarse = timeline.interpolation(times), timeline.coarse.interpolation(times)
     root = gram_root(csr_array(coarse.T @ coarse))
-    sensor = SimpleNamespace(name="imu")
+    sensor: Any = SimpleNamespace(name="imu")
     whole = Channel(
         sensor, "angular_rate", times, rng.normal(size=(301, 2)), np.eye(2), weights, coarse, root
     )
@@ -211,7 +212,7 @@ def test_a_channel_without_some_samples_shares_its_weights():
     once = whole.only(kept)
     twice = once.only(np.arange(len(once.times)) != 7)
     rows = np.delete(np.flatnonzero(kept), 7)
-    nodes, own = rng.normal(size=(weights.shape[1], 2)), coarse.toarray()[rows]
+    nodes, own = rng.normal(size=(41, 2)), coarse.toarray()[rows]
     np.testing.assert_allclose(twice.residual(nodes, None), whole.values[rows] - (weights @ nodes)[rows])
     np.testing.assert_allclose(twice.to_coarse(twice.values), own.T @ twice.values, atol=1e-12)
     np.testing.assert_allclose((twice.root.T @ twice.root).toarray(), own.T @ own, atol=1e-7)
