@@ -140,7 +140,7 @@ def finite_part(recording: Recording) -> Recording | None:
     rows: dict[str, np.ndarray] = {}
     for name in kept:
         clock = recording.clock_of(name)
-        rows[clock] = ~missing[name] if clock not in rows else rows[clock] & ~missing[name]
+        rows[clock] = np.asarray(~missing[name] if clock not in rows else rows[clock] & ~missing[name])
     if not all(good.any() for good in rows.values()):
         return None
     left = recording.without(*(n for n in recording.channels if n not in kept))
