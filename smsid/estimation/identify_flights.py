@@ -30,7 +30,6 @@ from smsid.estimation.profile_interval import bound_intervals
 from smsid.estimation.scale_conflict import scale_conflict
 from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.unknowns import biases_of, unknowns_of
-from smsid.estimation.walk_intensity import with_walks_as_seen
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
@@ -229,7 +228,6 @@ def _search(
             with_timing(f, as_commands_act(point, unknowns, x, False).problem.timing)
             for f, x in zip(flights, loose, strict=True)
         ]
-    flights = with_walks_as_seen(point, flights)
     if tell is not None:
         tell("search with the model as it is")
     found, visited = maximise(point, unknowns, flights, tell=tell)
