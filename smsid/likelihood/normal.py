@@ -69,7 +69,7 @@ class Normal:
         return [slice(*pair) for pair in pairwise(ends.tolist())]
 
     def of_pieces(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return by piece what its data tell once its local parameters are estimated, as `of_common`."""
+        """Return by piece information (m, m) and gradient (m,) of its data, as `of_common`."""
         out = []
         for (_, data, slope), own in zip(self.common, self._places, strict=True):
             m = len(slope)
@@ -129,7 +129,7 @@ class Normal:
         return _triangular(np.vstack([data, known])), scale
 
     def solved(self, free: np.ndarray | slice = slice(None), damping: float = 0.0) -> np.ndarray:
-        """Return the step of ``free`` components, ``damping`` added to the unit diagonal of all."""
+        """Return the step (k,) of ``free`` components, ``damping`` added to all of the unit diagonal."""
         data, known, scale, slope = self._roots
         rows = np.vstack([data, known, np.sqrt(damping) * np.eye(len(scale))])[:, free]
         return scale[free] * cho_solve((_triangular(rows), True), slope[free])

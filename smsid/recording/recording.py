@@ -355,7 +355,7 @@ class Recording(Told):
         return Recording(self._data.without(names))
 
     def at_rows(self, rows: Mapping[str, NDArray[np.int_]]) -> Recording:
-        """Keep some samples, by the name of a clock; those of other clocks are all kept."""
+        """Keep the ``rows`` (M,) of clocks by name; those of other clocks are all kept."""
         return Recording(self._data.cut(rows))
 
     def with_role(self, role: str) -> Recording:
