@@ -129,7 +129,7 @@ class Normal:
         return _triangular(np.vstack([data, known])), scale
 
     def solved(self, free: np.ndarray | slice = slice(None), damping: float = 0.0) -> np.ndarray:
-        """Return the step (k,) of ``free`` components, ``damping`` added to all of the unit diagonal."""
+        """Return the step (k,) of ``free`` components, ``damping`` added to the unit diagonal."""
         data, known, scale, slope = self._roots
         rows = np.vstack([data, known, np.sqrt(damping) * np.eye(len(scale))])[:, free]
         return scale[free] * cho_solve((_triangular(rows), True), slope[free])
