@@ -315,7 +315,7 @@ def along(spline: BSpline, times: np.ndarray, derivative: int) -> np.ndarray:
 def basis_sums(
     times: np.ndarray, knots: np.ndarray, derivative: int, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return X^T X as `bands` (6, m) and X^T columns (m, k); X is the basis on ``knots`` at ``times`` (N,)."""
+    """Return X^T X as `bands` (6, m) and X^T columns (m, k); X the basis on ``knots`` at ``times`` (N,)."""
     size = len(knots) - DEGREE - 1
     gram, sums = np.zeros((DEGREE + 1, size)), np.zeros((size, columns.shape[1]))
     for start in range(0, len(times), ROWS):
