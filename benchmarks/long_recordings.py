@@ -3,13 +3,13 @@
     python benchmarks/long_recordings.py 10000 100000 1000000
     python benchmarks/long_recordings.py 10000 100000 --method ml
 
-Each length is run in a process of its own, of which the CPU time and the largest resident memory are taken;
-one that only imports and prepares is the offset. Lengths measured before are kept. Of the default method,
-which starts from the paper's, the seconds of the refinement are told too. The rigid spacecraft (no slosh, no
-panel) goes to and fro along one free-floating motion of 80 s. What floats at zero momentum follows the same
-path at any pace, so this is exact however long it lasts. Noise is that of preset `reference`. Errors of the
-estimate are given in standard deviations, and should be of size one. Nothing moves above 0.3 Hz: the motion
-is low-passed at 1 Hz and taken at 5 Hz.
+Each length is flown and written to a file first; then a process of its own reads it and identifies, of
+which the CPU time and the largest resident memory are taken. One that only imports is the offset. Lengths
+measured before are kept. Of the default method, which starts from the paper's, the seconds of the
+refinement are told too. The rigid spacecraft (no slosh, no panel) goes to and fro along one free-floating
+motion of 80 s. What floats at zero momentum follows the same path at any pace, so this is exact however
+long it lasts. Noise is that of preset `reference`. Errors of the estimate are given in standard deviations,
+and should be of size one. Nothing moves above 0.3 Hz: the motion is low-passed at 1 Hz and taken at 5 Hz.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import json
 import resource
 import subprocess
 import sys
+import tempfile
 import time
 from typing import Any
 
@@ -37,7 +38,7 @@ from smsid.identify.paper.exp2 import identify_momentum
 from smsid.inputs.signals import Fourier
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.regressor import Regressor
-from smsid.recording import Recording
+from smsid.recording import Recording, load_recording, save_recording
 from smsid.simulate import Inputs, simulate
 
 NAME = "long_recordings"
@@ -127,12 +128,12 @@ def turned(q: np.ndarray, x: np.ndarray) -> np.ndarray:
     return x + q[:, 3:] * t + np.cross(q[:, :3], t)
 
 
-def one(samples: int, method: str) -> dict[str, Any]:
-    """Time, memory and errors of one length; of none, what there is before anything is read."""
+def one(file: str, method: str) -> dict[str, Any]:
+    """Time, memory and errors of a recording; without one, what there is before anything is read."""
     model = build_model(rigid())
-    recording = to_and_fro(model, samples) if samples else None
     begin = time.process_time()
-    result: dict[str, Any] = {"samples": samples}
+    recording = load_recording(file) if file else None
+    result: dict[str, Any] = {"samples": len(recording.time()) if recording else 0}
     if recording is not None and method == "ml":
         made = identify_spacecraft(model.description, [recording]).estimate
         told = [p for p in made.parameters if p.status == "identifiable" and p.nominal is not None]
@@ -165,19 +166,27 @@ def one(samples: int, method: str) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("samples", type=int, nargs="+")
+    parser.add_argument("samples", type=int, nargs="*")
     parser.add_argument("--method", choices=("paper", "ml"), default="paper", help="ml: the default one")
-    parser.add_argument("--one", action="store_true", help="run one length here and print it")
+    parser.add_argument("--one", metavar="FILE", help="run one recording here and print it")
+    parser.add_argument("--write", metavar="FILE", help="fly one length here and write it")
     args = parser.parse_args()
-    if args.one:
-        print(json.dumps(one(args.samples[0], args.method)))
+    if args.one is not None:
+        print(json.dumps(one(args.one, args.method)))
+        return
+    if args.write:
+        save_recording(to_and_fro(build_model(rigid()), args.samples[0]), args.write)
         return
     file = ROOT / "benchmarks" / "results" / f"{NAME}.json"
     known = json.loads(file.read_text()) if file.is_file() else {}
     by_length = {r["samples"]: r for r in known.get(args.method, {}).get("runs", [])}
     for samples in [0, *args.samples]:
-        command = [sys.executable, __file__, str(samples), "--one", "--method", args.method]
-        out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        with tempfile.TemporaryDirectory(prefix="long-") as folder:
+            flown, command = f"{folder}/flown.nc" if samples else "", [sys.executable, __file__]
+            if flown:
+                subprocess.run([*command, str(samples), "--write", flown], check=True)
+            command += ["--one", flown, "--method", args.method]
+            out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
         by_length[samples] = json.loads(out.splitlines()[-1])
         print(by_length[samples], flush=True)
         rows = [by_length[n] for n in sorted(by_length)]

@@ -48,7 +48,7 @@ def with_joint_order(model: SpacecraftModel, recording: Recording) -> Recording:
         )
     labels = recording.labels
     for name in recording.channels:
-        dims = [str(d) for d in recording.channel(name).dims[1:] if str(d).rpartition(".")[2] == "joint"]
+        dims = [d for d in recording.columns(name) if d.rpartition(".")[2] == "joint"]
         if any(d not in labels for d in dims):
             raise unlabelled(name)
     try:

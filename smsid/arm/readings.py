@@ -161,7 +161,7 @@ def with_passive_joints(recording: Recording, joints: Sequence[str]) -> Recordin
         RecordingError: as `measured_channel`, or its joints have no names.
     """
     channel = measured_channel(recording, "joint_torque")
-    source, dim = channel.partition(".")[0], str(recording.channel(channel).dims[-1])
+    source, dim = channel.partition(".")[0], list(recording.columns(channel))[-1]
     if dim not in recording.labels:
         raise unlabelled(channel)
     known, values = recording.labels[dim], np.asarray(recording[channel], dtype=float)

@@ -17,6 +17,8 @@ from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from smsid.description import Description
     from smsid.estimation.flight import FlightOptions
     from smsid.estimation.identify import Identified, Method
@@ -149,8 +151,6 @@ def identify_command(
     states: StatesPath = None,
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
-    from smsid.arm.servo import is_of_servos
-    from smsid.arm.setup import arm_description, is_of_an_arm
     from smsid.description import load_description
     from smsid.estimation.identify import identify_spacecraft
     from smsid.identify.estimate import save_estimate
@@ -161,10 +161,9 @@ def identify_command(
     if not files:
         raise SmsidError("No recording was given.", advice="Name one or more after the description.")
     bare = robot is not None or description.suffix == ".urdf"
-    described = load_description(description) if robot is None else arm_description(robot=robot)
+    described = None if bare else load_description(description)
     loaded = read_recordings(files, unchecked)
-    if bare and robot is None and (is_of_an_arm(loaded) or is_of_servos(loaded)):
-        described = arm_description(description)
+    described = described or _bare_description(description, robot, loaded)
     given = {
         "--cad": cad is not None, "--states": states is not None, "--modal": modal is not None,
         "--find-tracked-point": find_tracked_point, "--tracked-point": tracked_point is not None,
@@ -209,11 +208,23 @@ def identify_command(
     made = write_page(report, page, [description, *files], described)
     if states is not None and found.flights is not None:
         write_states(found.flights, states)
-    other = linear.estimate if linear is not None and found.refined is not None else None
-    print_estimate(estimate, other, everything=show_all)
+    more = linear.estimate.notes if linear is not None and found.refined is not None else ()
+    print_estimate(estimate, more, everything=show_all)
     written = [output, *made, *([states] if states is not None else [])]
     say(f"identified in {seconds:.1f} s")
     return Outcome({"estimate": json.loads(estimate.to_json())}, written)
+
+
+def _bare_description(description: Path, robot: str | None, loaded: Sequence[Recording]) -> Description:
+    """Return the description of a robot by its name, or of a URDF alone by what was recorded."""
+    from smsid.arm.servo import is_of_servos
+    from smsid.arm.setup import arm_description, is_of_an_arm
+    from smsid.description import load_description
+
+    if robot is not None:
+        return arm_description(robot=robot)
+    of_an_arm = is_of_an_arm(loaded) or is_of_servos(loaded)
+    return arm_description(description) if of_an_arm else load_description(description)
 
 
 SPACECRAFT, ML, PAPER, ARM = ("ml", "filter", "paper"), ("ml", "filter"), ("paper",), ("arm",)

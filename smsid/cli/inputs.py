@@ -41,13 +41,13 @@ def write_diagnosis(diagnosis: Diagnosis, path: Path) -> Path:
     return path
 
 
-def print_estimate(estimate: Estimate, other: Estimate | None = None, *, everything: bool = False) -> None:
-    """Print the parameters and notes of an estimate; ``other``: those of another method beside."""
+def print_estimate(estimate: Estimate, more: Sequence[str] = (), *, everything: bool = False) -> None:
+    """Print the parameters and notes of an estimate, and ``more`` notes."""
     from smsid.cli.output import told
     from smsid.cli.tables import estimate_parts
 
-    print_parts(estimate_parts(estimate, other=other, everything=everything))
-    for line in told((*estimate.notes, *(other.notes if other is not None else ())), everything=everything):
+    print_parts(estimate_parts(estimate, everything=everything))
+    for line in told((*estimate.notes, *more), everything=everything):
         say(line)
 
 

@@ -290,7 +290,7 @@ def _free_decay(
 def _alike(log: Recording) -> tuple[str, ...]:
     """Return all channels, if they are one quantity on one clock; else raise `RecordingError`."""
     names = log.channels
-    units = {log.dataset[name].attrs.get("unit") for name in names}
+    units = {log.unit(name) for name in names}
     if len(names) == 1 or (len(units) == 1 and len({len(log.time(name)) for name in names}) == 1):
         return tuple(names)
     raise RecordingError(

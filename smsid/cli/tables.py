@@ -58,24 +58,20 @@ def plain_table(
     return table
 
 
-def estimate_parts(
-    estimate: Estimate, *, other: Estimate | None = None, everything: bool = False
-) -> Iterator[RenderableType]:
+def estimate_parts(estimate: Estimate, *, everything: bool = False) -> Iterator[RenderableType]:
     """Yield what to print of an estimate: what is known, the parameters asked for, what cannot be told.
 
-    ``other``: another method's estimate, shown beside by name. ``everything``: every parameter of every group
-    with its full name.
+    ``everything``: every parameter of every group with its full name.
     """
     yield Text(headline(estimate), style="bold")
     if everything:
         for group in estimate.groups:
-            yield parameter_table(TITLES.get(group, group), estimate.group(group), other=other, full=True)
+            yield parameter_table(TITLES.get(group, group), estimate.group(group), full=True)
         return
     asked = asked_for(estimate)
     # an estimate of by-products alone is shown all the same
     shown = asked or estimate.parameters
-    title = "" if other is None else f"beside the {other.method}'s method"
-    yield parameter_table(title, shown[:ROWS], other=other)
+    yield parameter_table("", shown[:ROWS])
     more, beside = len(shown) - min(len(shown), ROWS), len(estimate) - len(shown)
     told = [f"{more} more parameters"] if more else []
     told += [f"{beside} nuisance parameters and other views"] if beside else []
@@ -109,26 +105,16 @@ def _reason(p: ParameterEstimate) -> str:
     return p.note.split("; ")[0]
 
 
-def parameter_table(
-    title: str, parameters: Iterable[ParameterEstimate], *, other: Estimate | None = None, full: bool = False
-) -> Table:
+def parameter_table(title: str, parameters: Iterable[ParameterEstimate], *, full: bool = False) -> Table:
     """Return a table of parameters with interval, status and the description's value.
 
-    ``other``: the same parameters of another method beside. ``full``: names in full, over several lines;
-    else a name is as short as the numbers need, and beside another method what is described is left out.
+    ``full``: names in full, over several lines; else a name is as short as the numbers need.
     """
     parameters = tuple(parameters)
-    columns = ["value", "± 95 %", "unit"]
-    columns[2:2] = ["paper's", "± 95 %"] if other is not None else []
-    columns += ["described"] if full or other is None else []
+    columns = ["value", "± 95 %", "unit", "described"]
     rows = []
     for p in parameters:
-        cells = [f"{p.value:.6g}", _half(p), p.unit]
-        if other is not None:
-            found = [other[p.name]] if p.name in other else []
-            cells[2:2] = [x for q in found for x in (f"{q.value:.6g}", _half(q))] or ["", ""]
-        if full or other is None:
-            cells.append("" if p.nominal is None else f"{p.nominal:.6g}")
+        cells = f"{p.value:.6g}", _half(p), p.unit, "" if p.nominal is None else f"{p.nominal:.6g}"
         rows.append((*cells, "" if p.status == "identifiable" else p.status.replace("_", " ")))
     widths = [max(map(len, own)) for own in zip((*columns, ""), *rows, strict=True)]
     room = WIDTH - sum(widths) - GAP * (len(widths) + 1)

@@ -8,8 +8,6 @@ from smsid.estimation.contradictions import Contradiction, Part, contradictions_
 from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
 from smsid.estimation.prior_conflict import PriorConflict, conflict_of, has_mass
 from smsid.likelihood.channels import described_sigma
-from smsid.likelihood.normal import normal_at
-from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.refine import Refinement, free_predictions, reported_parameters
 
 AXES = "xyz"
@@ -57,18 +55,9 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
     point = found.point
     if len(found.pieces) < 2:
         return ()
-    size = point.parameters.size
-    residual, jacobian = refinement.prior.residual(point.parameters)
-    parts = []
-    for k, piece in enumerate(found.pieces):
-        own = Evaluation(
-            Point(point.parameters, (point.locals[k],)),
-            (found.seen.predictions[k],),
-            (found.seen.residuals[k],),
-        )
-        gram, slope = normal_at([piece], own, refinement.prior).of_common(size)
-        slope = slope + jacobian.T @ residual  # the prior's part is taken out again
-        parts.append(Part(piece.name, 0.5 * (gram + gram.T), slope))
+    _, jacobian = refinement.prior.residual(point.parameters)
+    both = zip(found.pieces, found.normal.of_pieces(), strict=True)
+    parts = [Part(piece.name, 0.5 * (gram + gram.T), slope) for piece, (gram, slope) in both]
     rows, _ = reported_parameters(
         point.parameters, refinement.described, free_predictions(found.pieces, point)
     )

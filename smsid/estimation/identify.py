@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -14,6 +15,7 @@ from smsid.estimation.fit_quality import FitQuality
 from smsid.estimation.flight import FlightOptions
 from smsid.estimation.identify_flights import FlightEstimate, identify_flights
 from smsid.estimation.mapping_check import wrong_columns
+from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate
 from smsid.identify.paper.pipeline import Identification
 from smsid.identify.paper.pipeline import identify as by_the_paper
@@ -21,6 +23,9 @@ from smsid.likelihood.prior import Cad
 from smsid.likelihood.refine import Refinement, refine
 from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
+
+LOGGER = logging.getLogger(__name__)
+BEGINNING = 30_000  # samples of the slowest sensor of a long flight that the search starts with
 
 Method = Literal["ml", "filter", "paper"]
 
@@ -114,14 +119,16 @@ def identify_spacecraft(
 def _wrong_columns(
     quality: FitQuality, description: Description, recordings: Sequence[Recording]
 ) -> list[str]:
-    return wrong_columns(description, recordings) if quality.judgement == "not explained" else []
+    first = [_beginning(r) for r in recordings]
+    return wrong_columns(description, first) if quality.judgement == "not explained" else []
 
 
 def _with_wrong_columns(
     error: SmsidError, description: Description, recordings: Sequence[Recording]
 ) -> SmsidError:
     """Return the error of a search without rest, with the columns that may be wrong; another one as it is."""
-    wrong = wrong_columns(description, recordings) if isinstance(error, NotIdentifiableError) else []
+    first = [_beginning(r) for r in recordings]
+    wrong = wrong_columns(description, first) if isinstance(error, NotIdentifiableError) else []
     advice = ". ".join([*wrong, error.advice])
     return NotIdentifiableError(error.message, advice=advice, **error.evidence) if wrong else error
 
@@ -136,6 +143,30 @@ def _listed(description: Description) -> str:
     return f"parameters of {', '.join(others)} are to be estimated" if others else ""
 
 
+def _started(
+    description: Description, recordings: Sequence[Recording], cad: Cad | None
+) -> tuple[Identification, Identification | Refinement]:
+    """Return the paper's result and where to start from: for long flights, what their beginnings tell."""
+    first = [_beginning(r) for r in recordings]
+    if any(a is not b for a, b in zip(first, recordings, strict=True)):
+        try:
+            linear = by_the_paper(description, first, replicates=False)
+            return linear, refine(description, first, linear, cad=cad)
+        except SmsidError as error:
+            LOGGER.info("the beginnings of the flights do not tell enough: %s", error)
+    linear = by_the_paper(description, recordings, replicates=False)
+    return linear, linear
+
+
+def _beginning(recording: Recording) -> Recording:
+    """Return the first samples of a long flight without thrust, or the recording as it is."""
+    clocks = [recording.time(c) for c in recording.channels if not c.startswith(("command.", "truth."))]
+    few = min(clocks, key=len, default=[])
+    if excited_axes(recording) or len(few) < 2 * BEGINNING:
+        return recording
+    return recording.window(float(few[0]), float(few[BEGINNING]))
+
+
 def _batch(
     description: Description,
     recordings: Sequence[Recording],
@@ -143,10 +174,10 @@ def _batch(
     tell: Callable[[str], None] | None,
     doubts: Sequence[str],
 ) -> Identified:
-    linear = by_the_paper(description, recordings)
+    linear, start = _started(description, recordings, cad)
     if tell is not None:
         tell("refining by maximum likelihood")
-    refined = refine(description, recordings, linear, cad=cad)
+    refined = refine(description, recordings, start, cad=cad)
     quality, disagree = batch_quality(refined), batch_contradictions(refined)
     estimate = refined.estimate
     if quality.judgement == "not explained":

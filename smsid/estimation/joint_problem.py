@@ -49,10 +49,7 @@ def on_one_clock(recordings: Sequence[Recording], labels: Sequence[str]) -> list
         step = min(float(np.median(np.diff(c))) for c in clocks if len(c) > 1)
         if first + shift <= end:
             shift = end + step - first
-        data = recording.dataset
-        if shift:
-            data = data.assign_coords({c: data[c] + shift for c in recording.clocks})
-        out.append(Placed(Recording(data) if shift else recording, label, float(shift)))
+        out.append(Placed(recording.shifted(shift) if shift else recording, label, float(shift)))
         end = last + shift
     return out
 

@@ -67,6 +67,7 @@ def panel_modes(
     *,
     free_from: float | None = None,
     highest_frequency: float | None = None,
+    most_rows: int = MOST_ROWS,
 ) -> PanelModes:
     """Clamped and coupled modes of a panel from accelerometers along its bending direction.
 
@@ -90,6 +91,7 @@ def panel_modes(
             excitation for white noise, which a thrust profile is not: with ``free_from`` the coupled modes
             come from the free response after it, without it from the whole record.
         highest_frequency: modes above it are not sought [Hz]; default: up to a fifth of the sampling rate.
+        most_rows: block rows at most; a first guess needs 30, at a quarter of the time.
 
     Raises:
         RecordingError: time is not evenly spaced.
@@ -110,10 +112,11 @@ def panel_modes(
     top = MODE_SHARE * rate if highest_frequency is None else highest_frequency
 
     def clamped(x: np.ndarray, band_rate: float, rows: int) -> tuple[Poles, ...]:
-        return ssi_cov_input(x[:, :stations], x[:, stations:], band_rate, block_rows=rows, orders=ORDERS)
+        most = min(rows, most_rows)
+        return ssi_cov_input(x[:, :stations], x[:, stations:], band_rate, block_rows=most, orders=ORDERS)
 
     def coupled(x: np.ndarray, band_rate: float, rows: int) -> tuple[Poles, ...]:
-        return ssi_cov(x, band_rate, block_rows=rows, orders=ORDERS)
+        return ssi_cov(x, band_rate, block_rows=min(rows, most_rows), orders=ORDERS)
 
     free = panel if free_from is None else panel[instants > free_from]
     found = _over_rates(np.hstack([panel - base, base]), rate, stations + 1, top, clamped)

@@ -93,5 +93,5 @@ def available() -> bool:
 @cache
 def _complete() -> bool:
     if _reasons:
-        logger.info("simulations go the plain way, which is slower: %s", _reasons[0])
+        logger.warning("simulations go the plain way, which is slower: %s", _reasons[0])
     return not _reasons

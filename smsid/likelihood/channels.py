@@ -32,9 +32,10 @@ class Channel:
     """One measured channel: samples (N, k) at times (N,) [s]; attitudes are quaternions (N, 4).
 
     ``covariance`` (k, k) of the noise of a sample, an attitude's as rotation vector (3, 3); panel
-    accelerometers come station after station. ``weights`` W (N, nodes) takes predictions from the nodes to
-    the samples, ``coarse_weights`` those at the nodes of the coarse grid; ``root`` R (coarse nodes, coarse
-    nodes) is upper banded with R^T R = W^T W. ``dropped`` counts samples left out.
+    accelerometers come station after station. ``weights`` (M, nodes) takes predictions from the nodes to all
+    samples of the clock, which channels share, ``coarse_weights`` those at the nodes of the coarse grid;
+    ``rows`` (N,) of them are the channel's, ``None`` for all. ``root`` R (coarse nodes, coarse nodes) is
+    upper banded with R^T R = W^T W of its own coarse ones. ``dropped`` counts samples left out.
     """
 
     sensor: Sensor
@@ -45,6 +46,7 @@ class Channel:
     weights: csr_array
     coarse_weights: csr_array
     root: csr_array
+    rows: np.ndarray | None = None
     dropped: int = 0
 
     @property
@@ -69,20 +71,32 @@ class Channel:
 
     def only(self, kept: np.ndarray, *, counted: bool = True) -> Channel:
         """Return the channel with some of its samples (N,); ``counted``: the others as dropped."""
-        coarse = csr_array(self.coarse_weights[kept])
+        rows = np.arange(len(self.times)) if self.rows is None else self.rows
+        gone = self.coarse_weights[rows[~kept]]
         return replace(
             self,
             times=self.times[kept],
             values=self.values[kept],
-            weights=csr_array(self.weights[kept]),
-            coarse_weights=coarse,
-            root=gram_root(coarse),
+            rows=rows[kept],
+            root=gram_root(csr_array(self.root.T @ self.root - gone.T @ gone)),
             dropped=self.dropped + (int(np.count_nonzero(~kept)) if counted else 0),
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Channel:
         """Return the channel with another noise ``covariance`` (k, k)."""
         return replace(self, covariance=covariance)
+
+    def at_samples(self, nodes: np.ndarray) -> np.ndarray:
+        """Return values at the samples (N, k) from those at the nodes."""
+        found = self.weights @ nodes
+        return found if self.rows is None else found[self.rows]
+
+    def to_coarse(self, samples: np.ndarray) -> np.ndarray:
+        """Return the coarse weights' transpose times what is at the samples (N, k): (coarse nodes, k)."""
+        if self.rows is not None:
+            whole = np.zeros((self.coarse_weights.shape[0], samples.shape[1]))  # type: ignore[index]
+            whole[self.rows], samples = samples, whole
+        return self.coarse_weights.T @ samples
 
     def residual(
         self, nodes: np.ndarray, bias: np.ndarray | None, weights: csr_array | None = None
@@ -91,7 +105,7 @@ class Channel:
 
         ``weights`` in place of W.
         """
-        predicted = (self.weights if weights is None else weights) @ nodes
+        predicted = self.at_samples(nodes) if weights is None else weights @ nodes
         if self.quantity == "attitude":
             return (Rotation.from_quat(predicted).inv() * Rotation.from_quat(self.values)).as_rotvec()
         return self.values - predicted if bias is None else self.values - predicted - bias
@@ -147,7 +161,7 @@ def measured_channels(
                 values,
                 np.diag(size**2),
                 *weights_at(times),
-                int(np.count_nonzero(~kept)),
+                dropped=int(np.count_nonzero(~kept)),
             )
         )
     return tuple(found)
@@ -159,7 +173,7 @@ def on_timeline(channels: Sequence[Channel], timeline: Timeline) -> tuple[Channe
     out = []
     for c in channels:
         weights, coarse, root = weights_at(c.times)
-        out.append(replace(c, weights=weights, coarse_weights=coarse, root=root))
+        out.append(replace(c, weights=weights, coarse_weights=coarse, root=root, rows=None))
     return tuple(out)
 
 
@@ -174,17 +188,17 @@ class _Weights:
         key = times.tobytes()
         if key not in self._shared:
             coarse = self._timeline.coarse.interpolation(times)
-            self._shared[key] = self._timeline.interpolation(times), coarse, gram_root(coarse)
+            root = gram_root(csr_array(coarse.T @ coarse))
+            self._shared[key] = self._timeline.interpolation(times), coarse, root
         return self._shared[key]
 
 
-def gram_root(weights: csr_array) -> csr_array:
-    """Return R (nodes, nodes), upper banded, with R^T R = W^T W, for weights W (N, nodes).
+def gram_root(gram: csr_array) -> csr_array:
+    """Return R (nodes, nodes), upper banded, with R^T R = W^T W, which is ``gram``.
 
     Where samples are missing W^T W is singular; what is added for its sake is `ROUNDING` of the largest
     entry.
     """
-    gram = csr_array(weights.T @ weights)
     n = int(gram.shape[1])  # type: ignore[index]
     bands = np.zeros((POINTS, n))
     for d in range(POINTS):

@@ -40,7 +40,7 @@ def doubtful_clocks(
     for c, r in zip(piece.channels, residuals, strict=True):
         if c.sensor.name in own:
             continue
-        rate = -(c.weights @ kinematics.rate(c.sensor, c.quantity, piece.timeline)) @ c.whitening.T
+        rate = -c.at_samples(kinematics.rate(c.sensor, c.quantity, piece.timeline)) @ c.whitening.T
         white = r @ c.whitening.T
         product, square = np.sum(rate * white, axis=1), np.sum(rate**2, axis=1)
         late = c.times - start

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from smsid.errors import NotIdentifiableError, SimulationError
 from smsid.likelihood.history import Iterate
@@ -28,7 +27,6 @@ logger = logging.getLogger(__name__)
 ITERATIONS = 100
 NEAR = 1e-4  # a step counts as none when it would gain this much in the sum of squares: 0.01 sigma
 LAST = 1e-3  # extrapolated from the last two steps: what the next would gain, so that it can be left out
-JITTERS = (0.0, 1e-12, 1e-9, 1e-6)  # added to a unit diagonal until it is positive definite
 LONGEST_STEP = 3.0  # a factor of 20 in a scalar, three times a body's size
 CLOSE = 0.01  # share of the sum of squares still to gain below which the joints' motion is estimated too
 NEARBY = 5.0  # sum of squares a sample, at the noise samples show, up to which a start is near the maximum
@@ -81,16 +79,26 @@ class Minimum:
     iterations: int
 
 
-def fit(pieces: Sequence[RecordingTerm], start: Point, prior: Prior, patience: int = ITERATIONS) -> Fit:
+def fit(
+    pieces: Sequence[RecordingTerm],
+    start: Point,
+    prior: Prior,
+    patience: int = ITERATIONS,
+    *,
+    known: tuple[Evaluation, Normal] | None = None,
+) -> Fit:
     """Return the maximum of the likelihood near ``start``, noise levels estimated with it.
+
+    ``known``: what is seen at the start, and the normal equations there.
 
     Raises `ConvergenceError` when the search does not come to rest in ``patience`` iterations.
     """
-    pieces, here = tuple(pieces), Evaluation.at(pieces, start)
+    pieces, here = tuple(pieces), known[0] if known else Evaluation.at(pieces, start)
     damping, cost, gain, past = 0.0, np.inf, np.inf, np.inf
     found, there, spent = None, start.parameters, False
     visits: list[Iterate] = []
     walked: np.ndarray | None = None
+    moved = np.zeros(0)
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
     # then the noise that samples show between each other is the better guess of the levels
     nearby = here.cost(pieces, prior) < NEARBY * samples
@@ -106,13 +114,14 @@ def fit(pieces: Sequence[RecordingTerm], start: Point, prior: Prior, patience: i
         cost = here.cost(pieces, prior)
         visits.append(Iterate.of(here, pieces, cost, walked))
         if not (settled and spent and found is not None):
-            found, past, there = normal_at(pieces, here, prior), gain, here.point.parameters
-            gain = found.motion_gain + float(found.gradient @ _solved(found.information, found.gradient, 0.0))
-        logger.info(
-            "%d: cost %.8g, gain %.3g, noise %.2g, damping %.1e", iteration, cost, gain, change, damping
-        )
+            found = known[1] if known and not iteration else normal_at(pieces, here, prior)
+            past, there, moved = gain, here.point.parameters, np.zeros(len(found.gradient))
+            gain = found.motion_gain + float(found.gradient @ found.solved())
+        own = gain - found.motion_gain  # what is not the joints' motion alone
+        said = "%d: cost %.8g, gain %.3g, %.2g of parameters, noise %.2g, damping %.1e"
+        logger.info(said, iteration, cost, gain, own, change, damping)
         if settled and (spent or gain < NEAR):
-            found = _by_steps_at(here.point.parameters, there, found)
+            found = _by_steps_at(here.point.parameters, there, found.after(moved))
             return Fit(here, pieces, found, cost, samples, iteration, tuple(visits))
         try:
             step = _stepped(pieces, here, found, cost, prior, None, damping)
@@ -122,9 +131,14 @@ def fit(pieces: Sequence[RecordingTerm], start: Point, prior: Prior, patience: i
             spent = True  # as good as rounding allows
             walked = np.zeros(here.point.parameters.size)
             continue
-        spent = gain * min(gain / past, 1.0) < LAST and abs(cost - step.cost - gain) < 0.2 * gain
-        here, damping = step.seen, step.damping
-        walked = step.step[: here.point.parameters.size]
+        off = abs(
+            cost - step.cost - gain
+        )  # of what was predicted; its share of it is that of the step, about
+        left = gain * min(gain / past, 1.0) if np.isfinite(past) else off**2 / gain
+        logger.info("gained %.6g of %.6g, left %.2g", cost - step.cost, gain, left)
+        spent = left < LAST and off < 0.2 * gain
+        here, damping, moved = step.seen, step.damping, step.step
+        walked = moved[: here.point.parameters.size]
     raise _stuck(cost, gain, patience).at(pieces, here, visits)
 
 
@@ -154,7 +168,7 @@ def minimise(
         cost = here.cost(pieces, prior)
         free = _free(len(found.gradient), fixed)
         gradient = found.gradient[free]
-        gain = float(gradient @ _solved(found.information[np.ix_(free, free)], gradient, 0.0))
+        gain = float(gradient @ found.solved(free))
         gain += found.motion_gain
         if gain < NEAR:
             return Minimum(here.point, found, cost, iteration)
@@ -193,7 +207,7 @@ def _stepped(
     step = np.zeros(len(free))
     gain = np.inf
     while damping < 1e10:
-        step[free] = own = _solved(information, gradient, damping)
+        step[free] = own = found.solved(free, damping)
         gain = found.motion_gain + float(2.0 * gradient @ own - own @ information @ own)
         trial, new = None, np.inf
         if np.abs(step[: here.point.parameters.size]).max() < LONGEST_STEP:
@@ -211,7 +225,8 @@ def _stepped(
                 damping = max(4.0 * damping, 1e-6)
             return _Step(trial, step, new, damping)
         logger.debug("refused: damping %.1e, longest %.2g, cost %.8g", damping, np.abs(step).max(), new)
-        if gain < 100 * NEAR and trial is not None:
+        # where knots lie as close as nodes, derivatives by the joints' motion are not exact: it may not gain
+        if gain - found.motion_gain < 100 * NEAR and trial is not None:
             return None
         damping = max(10.0 * damping, 1e-6)
     raise _stuck(cost, gain, 0)
@@ -231,18 +246,6 @@ def _change(before: Sequence[RecordingTerm], after: Sequence[RecordingTerm]) -> 
         for new, old in zip(after, before, strict=True)
         for a, b in zip(new.channels, old.channels, strict=True)
     )
-
-
-def _solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
-    scale = 1.0 / np.sqrt(np.diag(information))
-    scaled = information * np.outer(scale, scale)
-    for jitter in JITTERS:
-        try:
-            scaled[np.diag_indices_from(scaled)] = 1.0 + damping + jitter
-            return scale * cho_solve(cho_factor(scaled), scale * gradient)
-        except np.linalg.LinAlgError:
-            continue  # far off, rounding may leave an eigenvalue below zero
-    raise _stuck(float("nan"), float("nan"), 0)
 
 
 def _stuck(cost: float, gain: float, iteration: int) -> ConvergenceError:

@@ -10,7 +10,7 @@ import numpy as np
 from smsid.errors import SimulationError
 from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import BRIDGED, Identification
-from smsid.likelihood.fit import evaluate
+from smsid.likelihood.fit import NEARBY, evaluate
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import Point
 from smsid.likelihood.prior import CAD, Prior
@@ -26,15 +26,20 @@ TRUST = 0.01  # the linear method's results are trusted no further than this, re
 def best_start(pieces: Sequence[RecordingTerm], points: Sequence[Point], prior: Prior) -> Point:
     """Return the point whose prediction is nearest to the data: a biased sensor can spoil the linear method.
 
+    The last is asked first, and taken without a look at the others where it is near the maximum.
+
     Raises `SimulationError` when none of them can be predicted from.
     """
     if len(points) == 1:
         return points[0]
     costs: list[float] = []
     failure: SimulationError | None = None
-    for point in points:
+    samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
+    for point in (points := points[::-1]):
         try:
             costs.append(evaluate(pieces, point, prior))
+            if costs[0] < NEARBY * samples:
+                break
         except SimulationError as error:
             failure = error
             costs.append(np.inf)

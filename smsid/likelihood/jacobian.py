@@ -205,7 +205,7 @@ class _Outputs:
                 nodes = slice(first, min(last + POINTS - 1, count))
                 x = part.along(nodes, common)
                 acting = (int(self.moves.first[first]), int(self.moves.first[nodes.stop - 1]) + WINDOW)
-                end = x[min(last - first, len(x) - 1)]
+                end = x[min(last - first, len(x) - 1)].copy()  # it is kept, the rest is not
                 yield _Stretch(nodes, last, acting, [r.at(nodes, x, part) for r in rows], end)
 
 
@@ -275,7 +275,7 @@ class _Rows:
 
 def _weighted(channels: Sequence[Channel], residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Whitened residuals taken back to the nodes (nodes, k)."""
-    parts = [c.coarse_weights.T @ (r @ c.whitening.T) for c, r in zip(channels, residuals, strict=True)]
+    parts = [c.to_coarse(r @ c.whitening.T) for c, r in zip(channels, residuals, strict=True)]
     return np.concatenate(parts, axis=1)
 
 

@@ -71,11 +71,12 @@ def resolve_motion(found: Fit, prior: Prior, gradients: Gradients) -> tuple[Fit,
             limited = any(_has_gaps(p) and not resolves_ringing(p, model) for p in found.pieces)
             return found, not (changed or limited)
         seen = Evaluation.at(pieces, Point(found.point.parameters, locals_))
-        change = resolution(found.normal, normal_at(pieces, seen, prior), gradients(found.seen, found.pieces))
+        finer = normal_at(pieces, seen, prior)
+        change = resolution(found.normal, finer, gradients(found.seen, found.pieces))
         logger.info("finer joint motion: sigma x %.3g, shift %.2g sigma", change.growth, change.shift)
         if change.is_enough:
             return found, True
-        again, changed = fit(pieces, seen.point, prior), True
+        again, changed = fit(pieces, seen.point, prior, known=(seen, finer)), True
         steps = found.iterations + again.iterations
         found = replace(again, iterations=steps, visits=(*found.visits, *again.visits))
         if all(resolves_ringing(p, model) for p in pieces):

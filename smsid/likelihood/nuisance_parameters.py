@@ -115,7 +115,7 @@ def initial(slots: Sequence[NuisanceIndex], drive: Drive, channels: Sequence[Cha
             position = c.values[:10].mean(axis=0) - offset
     bias = {s.channel: np.zeros(s.size) for s in slots if s.kind == "bias"}
     scale = {s.channel: 0.0 for s in slots if s.kind == "scale"}
-    motion = drive.joints.coefficients.copy() if drive.joints is not None else np.zeros((0, 0))
+    motion = drive.joints.coefficients if drive.joints is not None else np.zeros((0, 0))
     return NuisanceValues(position, attitude, np.zeros(3), bias, scale, motion, zero_clocks(slots))
 
 

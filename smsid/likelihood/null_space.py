@@ -49,10 +49,9 @@ def unseen_directions(at: Parameters, normal: Normal, wide: np.ndarray) -> tuple
     data's once that is estimated too. Source: the null space of the Fisher information (Rothenberg 1971,
     *Identification in parametric models*), reduced to row echelon form with pivoting.
     """
-    own, _ = normal.of_common(at.size)
     width = 1.0 / np.sqrt(wide)
-    values, vectors = np.linalg.eigh(own * np.outer(width, width))
-    basis = vectors[:, values < SEEN].T * width
+    _, values, vectors = np.linalg.svd(normal.common_root(at.size) * width)
+    basis = vectors[values**2 < SEEN] * width
     slopes = np.concatenate([at.sizes.ravel(), [s.slope for s in at.scalars]])
     units = _units(at)
     found = []

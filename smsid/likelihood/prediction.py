@@ -26,6 +26,8 @@ from smsid.likelihood.runge_kutta import STAGES, A, B, stage_values, transitions
 from smsid.likelihood.time_grid import Timeline
 from smsid.simulate.truth import rotation_matrices
 
+PART = 4096  # steps predicted at a time: what is between their ends is forgotten
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -72,38 +74,44 @@ def predict(
     """
     spacecraft = parameters.layout.model
     model = parameters.pin_model()
-    data = model.createData()
-    times = timeline.evaluations
-    q, v, a = drive.prescribed(spacecraft, times)
     free = drive.free
     rest_q, rest_v = rest_joints(model, free)
-    applied = applied_forces(parameters, drive, timeline)[:, free]
     stiffness, damping, _, _ = parameters.springs()
     k, d = np.zeros((2, spacecraft.nv))
     k[spacecraft.spring_v], d[spacecraft.spring_v] = stiffness, damping
     k_rest, d_rest = k[rest_v], d[rest_v]
     base = len(free) - len(rest_v)
 
-    start = np.zeros(len(rest_v) + len(free))
-    start[len(rest_v) :] = start_velocity(model, data, q[0], v[0], free)
+    q, v, _ = drive.prescribed(spacecraft, timeline.edges[:1])
+    y = np.zeros(len(rest_v) + len(free))
+    y[len(rest_v) :] = start_velocity(model, model.createData(), q[0], v[0], free)
     tree = tree_of(model, spacecraft.free) if available() else None
     if tree is not None:
         tree.bodies[rest_v - 6, STIFFNESS], tree.bodies[rest_v - 6, DAMPING] = k_rest, d_rest
-        given = (applied, (free, rest_q), timeline.counts, timeline.h, start, A, B)
-        lost = hybrid_motion(*tree.arrays, (q, v, a), *given)
-    else:
-        places = (rest_q, free, base)
-        lost = _carried(timeline, model, applied, (k_rest, d_rest), (q, v, a), places, start)
-    if lost >= 0:
-        raise SimulationError(
-            f"The predicted motion is not finite at t = {times[lost]:.6g} s.",
-            advice="The starting guess is too far off: start from the linear method.",
-            time=times[lost],
-        )
-    positions, quaternions = _pose(timeline, v, position, quaternion)
-    nodes = timeline.node_evaluation
-    q, v, a = q[nodes], v[nodes], a[nodes]
-    q[:, :3], q[:, 3:7] = positions, quaternions
+    found = []
+    for part, ends in timeline.parts(PART):
+        q, v, a = drive.prescribed(spacecraft, part.evaluations)
+        applied = applied_forces(parameters, drive, part)[:, free]
+        if tree is not None:
+            given = (applied, (free, rest_q), part.counts, part.h, y, A, B)
+            lost = hybrid_motion(*tree.arrays, (q, v, a), *given)
+        else:
+            places = (rest_q, free, base)
+            lost = _carried(part, model, applied, (k_rest, d_rest), (q, v, a), places, y)
+        if lost >= 0:
+            time = part.evaluations[lost]
+            raise SimulationError(
+                f"The predicted motion is not finite at t = {time:.6g} s.",
+                advice="The starting guess is too far off: start from the linear method.",
+                time=time,
+            )
+        positions, quaternions = _pose(part, v, position, quaternion)
+        position, quaternion = positions[-1], quaternions[-1]
+        nodes = part.node_evaluation if ends else part.node_evaluation[:-1]
+        q, v, a = q[nodes], v[nodes], a[nodes]
+        q[:, :3], q[:, 3:7] = positions[: len(nodes)], quaternions[: len(nodes)]
+        found.append((q, v, a))
+    q, v, a = (np.concatenate(x) for x in zip(*found, strict=True))
     return Prediction(model, timeline, q, v, a, rest_q, rest_v)
 
 
@@ -145,7 +153,7 @@ def _carried(
                     return e
                 slopes[j] = slope
                 e += 1
-            y = y + h[step] * (B @ slopes)
+            y += h[step] * (B @ slopes)
             step += 1
         if accelerate(timeline.steps * STAGES + segment, y) is None:
             return timeline.steps * STAGES + segment

@@ -12,9 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solveh_banded
-from scipy.sparse import csr_array
 
-from smsid.likelihood.spline import DEGREE, MeasuredMotion, Samples, bands, design, smoothness
+from smsid.likelihood.spline import (
+    DEGREE,
+    MeasuredMotion,
+    Samples,
+    along,
+    bands,
+    basis_sums,
+    smoothness,
+)
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,6 @@ def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarra
     start = float(motion.spline.t[0])
     for s in motion.samples:
         happened = _happened(s, clock, start)
-        basis = design(happened, motion.spline.t, s.derivative)
         # before the start the joints stand still, whatever the time
         rate = np.where(
             (happened < start)[:, None], 0.0, _moved(motion, coefficients, happened, s.derivative + 1)
@@ -51,10 +57,12 @@ def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarra
         left = s.values - _moved(motion, coefficients, happened, s.derivative)
         weight = 1.0 / s.sigma**2
         slopes = -np.stack([rate, rate * (s.times - start)[:, None]], axis=-1)  # (N, k, 2)
-        own += weight[:, None, None] * bands(csr_array(basis.T @ basis))
-        by_clock += weight[:, None] * (basis.T @ slopes.reshape(len(rate), -1)).reshape(m, width, 2)
+        mixed = np.concatenate([slopes.reshape(len(rate), -1), left], axis=1)
+        gram, sums = basis_sums(happened, motion.spline.t, s.derivative, mixed)
+        own += weight[:, None, None] * gram
+        by_clock += weight[:, None] * sums[:, : 2 * width].reshape(m, width, 2)
         of_clock += np.einsum("nki,nkj,k->ij", slopes, slopes, weight)
-        gradient += weight * (basis.T @ left)
+        gradient += weight * sums[:, 2 * width :]
         clock_gradient += np.einsum("nki,nk,k->i", slopes, left, weight)
     smooth, largest = smoothness(m), _largest(motion)
     own += largest[:, None, None] * bands(smooth)
@@ -85,8 +93,7 @@ def _moved(
     motion: MeasuredMotion, coefficients: np.ndarray, times: np.ndarray, derivative: int
 ) -> np.ndarray:
     """A derivative (N, k) of the motion of other coefficients at times (N,), as `design` has it."""
-    spline = motion.with_coefficients(coefficients).spline
-    return spline(np.maximum(times, spline.t[0]), derivative)
+    return along(motion.with_coefficients(coefficients).spline, times, derivative)
 
 
 def _squares(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:

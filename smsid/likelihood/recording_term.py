@@ -108,12 +108,15 @@ class RecordingTerm:
 
     def as_measured(self, local: NuisanceValues) -> NuisanceValues:
         """Return the local values with the joints' motion as encoders have it, by their clock."""
-        return local if self.drive.joints is None else replace(local, motion=self.drive.joints.coefficients)
+        joints = self.drive.joints
+        if joints is None or local.motion is joints.coefficients:
+            return local
+        return replace(local, motion=joints.coefficients)
 
     def in_true_time(self, local: NuisanceValues) -> NuisanceValues:
         """Return the local values with the joints' motion as encoders have it, their clock set right."""
         joints = self.drive.joints
-        if joints is None or joints.sensor not in local.clock:
+        if joints is None or not np.any(local.clock.get(joints.sensor, 0.0)):
             return self.as_measured(local)
         return replace(local, motion=refit_coefficients(joints, local.clock[joints.sensor]))
 

@@ -21,8 +21,10 @@ from smsid.identify.valid_samples import outliers
 DEGREE = 5
 CLEANINGS = 3
 COARSEST = 20.0  # [s] between the knots that are tried first
+LOOKS, ENOUGH = 4, 2500  # stretches of a long record, and samples of each, that its knots are chosen by
 SMOOTH = 1e-12  # weight of third differences of coefficients, relative to that of samples
 SLACK = 1e-9  # [s]
+ROWS = 1 << 16  # of a design at a time
 WINDOW = DEGREE + 2  # functions that act somewhere in a stretch no longer than the spacing of the knots
 
 
@@ -35,9 +37,9 @@ class Samples:
     values: np.ndarray
     sigma: np.ndarray
 
-    def only(self, kept: np.ndarray) -> Samples:
+    def only(self, kept: np.ndarray | slice) -> Samples:
         """Return some of the samples (N,)."""
-        return self if kept.all() else replace(self, times=self.times[kept], values=self.values[kept])
+        return replace(self, times=self.times[kept], values=self.values[kept])
 
 
 @dataclass(frozen=True)
@@ -161,31 +163,56 @@ def fit_motion(
     samples = [s.only(~with_spikes(s.values, x, s.sigma)) for s, x in zip(samples, lost, strict=True)]
     fitted = _best(samples, start, stop, shortest)
     for _ in range(CLEANINGS):
-        bad = [
-            outliers(s.values - design(s.times, fitted.knots, s.derivative) @ fitted.coefficients)[0]
-            for s in samples
-        ]
+        bad = [outliers(s.values - along(fitted.spline, s.times, s.derivative))[0] for s in samples]
         if not any(b.any() for b in bad):
             break
-        samples = [s.only(~b) for s, b in zip(samples, bad, strict=True)]
-        fitted = _best(samples, start, stop, shortest)
+        samples = [s.only(~b) if b.any() else s for s, b in zip(samples, bad, strict=True)]
+        long = len(_stretches(samples, start, stop)) > 1  # then few samples do not decide on the knots
+        fitted = (
+            _Fitted.of(samples, start, stop, fitted.intervals)
+            if long
+            else _best(samples, start, stop, shortest)
+        )
     return replace(fitted.motion(rate), samples=tuple(samples), sensor=sensor)
 
 
 def _best(samples: list[Samples], start: float, stop: float, shortest: float) -> _Fitted:
     best: tuple[float, int] | None = None
     intervals, worse = 4, 0
-    while (stop - start) / intervals > COARSEST:
+    stretches = _stretches(samples, start, stop)
+    length = stretches[0][2] - stretches[0][1]
+    while length / intervals > COARSEST:
         intervals = int(np.ceil(intervals * 1.3))
-    while (stop - start) / intervals >= shortest and worse < 3:
-        score = _Fitted.of(samples, start, stop, intervals).score
+    while length / intervals >= shortest and worse < 3:
+        score = sum(_Fitted.of(*stretch, intervals).score for stretch in stretches)
         if best is None or score < best[0]:
             best, worse = (score, intervals), 0
         else:
             worse += 1
         intervals = int(np.ceil(intervals * 1.3))
     assert best is not None
-    return _Fitted.of(samples, start, stop, best[1])
+    return _Fitted.of(samples, start, stop, int(best[1] * (stop - start) / length + SLACK))
+
+
+def _stretches(samples: list[Samples], start: float, stop: float) -> list[tuple[list[Samples], float, float]]:
+    """The whole; of a long record stretches of one length, spread over it, and where most moves."""
+    count = int(max(len(s.times) for s in samples) / ENOUGH)
+    if count < 2 * LOOKS:
+        return [(samples, start, stop)]
+    edges, lively, full = np.linspace(start, stop, count + 1), np.zeros(count), np.ones(count, dtype=bool)
+    cuts = [np.searchsorted(s.times, edges) for s in samples]
+    for s, cut in zip(samples, cuts, strict=True):
+        full &= np.diff(cut) > ENOUGH // 2
+        first, scaled = np.minimum(cut[:-1], len(s.times) - 1), s.values / s.sigma
+        lively += (np.maximum.reduceat(scaled, first) - np.minimum.reduceat(scaled, first)).sum(axis=1)
+    able = np.flatnonzero(full)
+    if len(able) < LOOKS:
+        return [(samples, start, stop)]
+    chosen = {*able[np.linspace(0, len(able) - 1, LOOKS).astype(int)], able[np.argmax(lively[able])]}
+    return [
+        ([s.only(slice(*cut[k : k + 2])) for s, cut in zip(samples, cuts, strict=True)], *edges[k : k + 2])
+        for k in sorted(chosen)
+    ]
 
 
 @dataclass(frozen=True)
@@ -202,27 +229,28 @@ class _Fitted:
     def of(cls, samples: list[Samples], start: float, stop: float, intervals: int) -> _Fitted:
         knots = _knots(start, stop, intervals)
         size, width = intervals + DEGREE, samples[0].values.shape[1]
-        designs = [design(s.times, knots, s.derivative) for s in samples]
-        grams = [bands(csr_array(x.T @ x)) for x in designs]
+        sums = [basis_sums(s.times, knots, s.derivative, s.values) for s in samples]
         weights = [1.0 / s.sigma**2 for s in samples]
         smooth = bands(smoothness(size))
         anchored = any(s.derivative == 0 for s in samples)
-        right = sum(
-            (x.T @ (s.values * w) for s, x, w in zip(samples, designs, weights, strict=True)),
-            np.zeros((size, width)),
-        )
+        right = sum((x * w for (_, x), w in zip(sums, weights, strict=True)), np.zeros((size, width)))
         coefficients, information = np.empty((size, width)), np.empty((width, DEGREE + 1, size))
         for k in range(width):
-            normal = sum((w[k] * g for g, w in zip(grams, weights, strict=True)), np.zeros(smooth.shape))
+            normal = sum((w[k] * g for (g, _), w in zip(sums, weights, strict=True)), np.zeros(smooth.shape))
             normal = normal + normal[0].max() * smooth
             if not anchored:
                 normal[0, 0] += normal[0].max()
             information[k] = normal
             coefficients[:, k] = solveh_banded(normal, right[:, k], lower=True)
-        score = 2.0 * size * width
-        for s, x in zip(samples, designs, strict=True):
-            score += float(np.sum(((s.values - x @ coefficients) / s.sigma) ** 2))
+        score, spline = 2.0 * size * width, BSpline(knots, coefficients, DEGREE)
+        for s in samples:
+            score += float(np.sum(((s.values - along(spline, s.times, s.derivative)) / s.sigma) ** 2))
         return cls(knots, intervals, coefficients, information, score)
+
+    @property
+    def spline(self) -> BSpline:
+        """The fitted motion."""
+        return BSpline(self.knots, self.coefficients, DEGREE)
 
     def motion(self, rate: float) -> MeasuredMotion:
         """Return the motion with its densities per sample at ``rate`` [Hz]."""
@@ -233,11 +261,12 @@ class _Fitted:
         covariance[:, 1:] *= 2.0  # both halves
         densities = np.empty((2, width))
         for d, out in enumerate(densities):
-            x = design(grid, self.knots, d)
-            total = np.sum(covariance * bands(csr_array(x.T @ x)), axis=(1, 2))
+            gram, _ = basis_sums(grid, self.knots, d, np.zeros((len(grid), 0)))
+            total = np.sum(covariance * gram, axis=(1, 2))
             out[:] = np.sqrt(total / len(grid) * rate * (stop - start) / size)
-        spline = BSpline(self.knots, self.coefficients, DEGREE)
-        return MeasuredMotion(spline, self.intervals, densities[0], densities[1], self.information, rate=rate)
+        return MeasuredMotion(
+            self.spline, self.intervals, densities[0], densities[1], self.information, rate=rate
+        )
 
 
 def inverse_bands(information: np.ndarray) -> np.ndarray:
@@ -278,15 +307,29 @@ def smoothness(size: int) -> csr_array:
     return csr_array(SMOOTH * (third.T @ third))
 
 
-def design(times: np.ndarray, knots: np.ndarray, derivative: int) -> csr_array:
-    """Return the values (N, m) of the basis on ``knots`` at times (N,), or those of a derivative.
+def along(spline: BSpline, times: np.ndarray, derivative: int) -> np.ndarray:
+    """Return a derivative (N, k) of a spline at times (N,) [s]; before the first knot that at it."""
+    return spline(np.maximum(times, spline.t[0]), derivative)
 
-    Before the first knot those at it; after the last, the last pieces go on. Six are stored in every row.
-    """
-    values, first = _acting(times, knots, derivative)
-    columns = first[:, None] + np.arange(DEGREE + 1)
-    starts = np.arange(0, values.size + 1, DEGREE + 1)
-    return csr_array((values.ravel(), columns.ravel(), starts), shape=(len(times), len(knots) - DEGREE - 1))
+
+def basis_sums(
+    times: np.ndarray, knots: np.ndarray, derivative: int, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return X^T X as `bands` (6, m) and X^T columns (m, k); X the basis on ``knots`` at ``times`` (N,)."""
+    size = len(knots) - DEGREE - 1
+    gram, sums = np.zeros((DEGREE + 1, size)), np.zeros((size, columns.shape[1]))
+    for start in range(0, len(times), ROWS):
+        own = columns[start : start + ROWS]
+        values, first = _acting(times[start : start + ROWS], knots, derivative)
+        values, low = np.ascontiguousarray(values.T), int(first.min())
+        stop = int(first.max()) + DEGREE + 1
+        for i, x in enumerate(values):
+            place = first - low + i
+            for d in range(DEGREE + 1 - i):
+                gram[d, low:stop] += np.bincount(place, x * values[i + d], stop - low)
+            for k in range(columns.shape[1]):
+                sums[low:stop, k] += np.bincount(place, x * own[:, k], stop - low)
+    return gram, sums
 
 
 def _acting(times: np.ndarray, knots: np.ndarray, derivative: int) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -40,6 +40,19 @@ class Timeline:
     def coarse(self) -> Timeline:
         """The grid with steps twice as long."""
         return Timeline(self.edges, self.counts // 2)
+
+    def parts(self, most: int) -> Iterator[tuple[Timeline, bool]]:
+        """Yield it in parts of ``most`` steps, the last of fewer, and whether each ends with a segment."""
+        edges, counts = [float(self.edges[0])], []
+        for (a, b), n in zip(itertools.pairwise(self.edges.tolist()), self.counts.tolist(), strict=True):
+            done = 0
+            while done < n:
+                counts.append(min(n - done, most - sum(counts)))
+                done += counts[-1]
+                edges.append(b if done == n else a + (b - a) * done / n)
+                if sum(counts) == most or edges[-1] == self.edges[-1]:
+                    yield Timeline(np.array(edges), np.array(counts)), done == n
+                    edges, counts = edges[-1:], []
 
     @cached_property
     def kept(self) -> np.ndarray:
@@ -132,6 +145,6 @@ class Timeline:
             for j in range(POINTS):
                 if i != j:
                     weights[:, i] *= (local - j) / (i - j)
-        columns = (offset[segment] + first)[:, None] + np.arange(POINTS)
-        rows = np.repeat(np.arange(len(times)), POINTS)
-        return csr_array((weights.ravel(), (rows, columns.ravel())), shape=(len(times), int(offset[-1])))
+        columns = (offset[segment] + first).astype(np.int32)[:, None] + np.arange(POINTS, dtype=np.int32)
+        starts = np.arange(0, weights.size + 1, POINTS, dtype=np.int32)
+        return csr_array((weights.ravel(), columns.ravel(), starts), shape=(len(times), int(offset[-1])))

@@ -76,9 +76,9 @@ def order_columns(recording: Recording, model: SpacecraftModel) -> Recording:
         return recording
     for name in recording.channels:
         values = recording[name]
-        for axis, dim in enumerate(recording.channel(name).dims[1:], start=1):
-            if str(dim) in orders:
-                values = np.take(values, orders[str(dim)], axis=axis)
+        for axis, dim in enumerate(recording.columns(name), start=1):
+            if dim in orders:
+                values = np.take(values, orders[dim], axis=axis)
         changed[name] = (recording.time(name), values)
     return _rebuilt(recording, changed, renamed)
 
@@ -111,7 +111,7 @@ def column_map(
 def _concerns(recording: Recording, dim: str, sources: set[str], model: SpacecraftModel) -> bool:
     """Return whether a channel of the spacecraft's own runs along a dimension; of a welded arm, any."""
     return any(
-        dim in recording.channel(name).dims and (not model.free or split_channel(name)[0] in sources)
+        dim in recording.columns(name) and (not model.free or split_channel(name)[0] in sources)
         for name in recording.channels
     )
 
@@ -258,11 +258,11 @@ def with_followers(recording: Recording, model: SpacecraftModel) -> Recording:
     for channel in recording.channels:
         values = recording[channel]
         quantity = split_channel(channel)[1]
-        for axis, dim in enumerate(recording.channel(channel).dims[1:], start=1):
+        for axis, dim in enumerate(recording.columns(channel), start=1):
             more = [
                 (ratio * np.take(values, [k], axis=axis) + (offset if quantity == "joint_position" else 0.0))
                 * (1.0 if quantity in MOVED else 0.0)
-                for k, ratio, offset in added.get(str(dim), ())
+                for k, ratio, offset in added.get(dim, ())
             ]
             values = np.concatenate([values, *more], axis=axis)
         changed[channel] = (recording.time(channel), values)

@@ -21,8 +21,8 @@ NORM_TOLERANCE = 1e-3
 
 def check_clocks(recording: Recording) -> None:
     """Raise `RecordingError` unless every clock is finite and strictly increasing."""
-    for clock in recording.clocks:
-        check_order(recording.dataset[clock].values, clock)
+    for clock, times in recording.times().items():
+        check_order(times, clock)
 
 
 def check_finite(recording: Recording, *, missing: bool = False) -> None:
@@ -137,10 +137,11 @@ def finite_part(recording: Recording) -> Recording | None:
     kept = [name for name, bad in missing.items() if bad.mean() < 0.5]
     if not kept:
         return None
-    dataset = recording.without(*(n for n in recording.channels if n not in kept)).dataset
-    for clock in {str(dataset[name].dims[0]) for name in kept}:
-        bad = np.any([missing[n] for n in kept if dataset[n].dims[0] == clock], axis=0)
-        if bad.all():
-            return None
-        dataset = dataset.isel({clock: np.flatnonzero(~bad)})
-    return type(recording)(dataset)
+    rows: dict[str, np.ndarray] = {}
+    for name in kept:
+        clock = recording.clock_of(name)
+        rows[clock] = np.asarray(~missing[name] if clock not in rows else rows[clock] & ~missing[name])
+    if not all(good.any() for good in rows.values()):
+        return None
+    left = recording.without(*(n for n in recording.channels if n not in kept))
+    return left.at_rows({clock: np.flatnonzero(good) for clock, good in rows.items()})

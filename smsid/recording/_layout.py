@@ -1,10 +1,11 @@
-"""From arrays to the dataset behind a recording, with every shape, unit and clock verified."""
+"""From arrays to what a recording holds, with every shape, unit and clock verified; and to xarray."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +13,94 @@ from numpy.typing import ArrayLike, NDArray
 from smsid.errors import RecordingError
 from smsid.recording.channels import FIXED_LABELS, LABELLED_DIMS, Quantity, quantity_of, split_channel
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 FloatArray = NDArray[np.float64]
 
+Stored = Mapping[str, tuple[tuple[str, ...], Any, Mapping[str, Any]]]
+"""Variables of a dataset: dimensions, values, attributes; one along itself is a coordinate."""
+
 ROLES = ("estimation", "validation", "unspecified")
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """What a recording holds.
+
+    ``clocks`` (N,) [s]; ``channels``: dimensions, the clock first, and samples (N, ...); ``units`` of them;
+    ``labels`` along dimensions, fixed ones too; ``header`` as `header` gives it.
+    """
+
+    clocks: dict[str, FloatArray]
+    channels: dict[str, tuple[tuple[str, ...], FloatArray]]
+    units: dict[str, str]
+    labels: dict[str, tuple[str, ...]]
+    header: dict[str, str]
+
+    @property
+    def own_labels(self) -> dict[str, tuple[str, ...]]:
+        """Labels that a recording states."""
+        return {dim: names for dim, names in self.labels.items() if dim not in FIXED_LABELS}
+
+    def clock_of(self, source: str) -> str:
+        """Name the clock that the channels of a source run on."""
+        own = f"{source}.time"
+        return own if own in self.clocks else "time"
+
+    def parts(self) -> dict[str, Any]:
+        """Give the channels as `Recording.from_arrays` takes them."""
+        return {
+            name: values if dims[0] == "time" else (self.clocks[dims[0]], values)
+            for name, (dims, values) in self.channels.items()
+        }
+
+    def cut(self, rows: Mapping[str, slice | NDArray[np.int_]]) -> Layout:
+        """Keep some rows, by clock."""
+        clocks = {
+            clock: times[rows[clock]] if clock in rows else times for clock, times in self.clocks.items()
+        }
+        channels = {
+            name: (dims, values[rows[dims[0]]] if dims[0] in rows else values)
+            for name, (dims, values) in self.channels.items()
+        }
+        return replace(self, clocks=clocks, channels=channels)
+
+    def without(self, names: Sequence[str]) -> Layout:
+        """Leave channels out, and what they alone need."""
+        channels = {name: own for name, own in self.channels.items() if name not in names}
+        if not channels:
+            raise RecordingError("The recording has no channels.", advice="Give at least one.")
+        used = {dim for dims, _ in channels.values() for dim in dims} | {"time"}
+        return replace(
+            self,
+            clocks={k: x for k, x in self.clocks.items() if k in used},
+            channels=channels,
+            units={k: x for k, x in self.units.items() if k in channels},
+            labels={k: x for k, x in self.labels.items() if k in used},
+        )
+
+    def same(self, other: Layout) -> bool:
+        """Compare all but the provenance; not a number equals itself."""
+        if (list(self.channels), self.units, self.labels) != (
+            list(other.channels),
+            other.units,
+            other.labels,
+        ):
+            return False
+        pairs = [(x, other.channels[k]) for k, x in self.channels.items()]
+        alike = all(a[0] == b[0] and np.array_equal(a[1], b[1], equal_nan=True) for a, b in pairs)
+        times = self.clocks.keys() == other.clocks.keys() and all(
+            np.array_equal(x, other.clocks[k], equal_nan=True) for k, x in self.clocks.items()
+        )
+        return alike and times and all(self.header[k] == other.header[k] for k in ("name", "role"))
+
+    def stored(self) -> Stored:
+        """Give it as variables of a dataset."""
+        out: dict[str, Any] = {k: ((k,), times, {"unit": "s"}) for k, times in self.clocks.items()}
+        out |= {dim: ((dim,), np.array(names), {}) for dim, names in self.labels.items()}
+        for name, own in self.channels.items():
+            quantity = quantity_of(name, unit=self.units[name])
+            order = {"quaternion_order": "x y z w"} if quantity.is_quaternion else {}
+            out[name] = (*own, {"unit": self.units[name], "frame": quantity.frame, **order})
+        return out
 
 
 def real_array(values: ArrayLike, what: str) -> FloatArray:
@@ -50,12 +133,6 @@ def clock_array(values: ArrayLike, clock: str) -> FloatArray:
     return times
 
 
-def clock_of(dataset: xr.Dataset, source: str) -> str:
-    """Name the clock that the channels of a source run on."""
-    own = f"{source}.time"
-    return own if own in dataset.coords else "time"
-
-
 def header(name: str, role: str, provenance: Mapping[str, Any] | str) -> dict[str, str]:
     """Give the attributes of a dataset; raise `RecordingError` on an unknown role or no JSON."""
     if role not in ROLES:
@@ -82,10 +159,8 @@ def build(
     labels: Mapping[str, Sequence[str]],
     units: Mapping[str, str],
     attributes: Mapping[str, str],
-) -> xr.Dataset:
+) -> Layout:
     """Lay out the arrays of `Recording.from_arrays`, or raise `RecordingError`."""
-    import xarray as xr
-
     unused = [name for name in units if name not in channels]
     if unused:
         raise RecordingError(
@@ -97,8 +172,8 @@ def build(
     if time is not None:
         clocks["time"] = clock_array(time, "time")
     clock_by_source = _clocks(channels, clocks)
-    coordinates: dict[str, Any] = {clock: (clock, times, {"unit": "s"}) for clock, times in clocks.items()}
-    variables: dict[str, Any] = {}
+    laid: dict[str, tuple[tuple[str, ...], FloatArray]] = {}
+    known_units: dict[str, str] = {}
     sizes: dict[str, tuple[int, str]] = {}
     for name, value in channels.items():
         source, _ = split_channel(name)
@@ -116,42 +191,40 @@ def build(
                     size=size,
                     expected=known,
                 )
-        order = {"quaternion_order": "x y z w"} if quantity.is_quaternion else {}
-        variables[name] = (dims, array, {"unit": quantity.unit, "frame": quantity.frame, **order})
-    coordinates.update(_labels(labels, sizes))
-    return xr.Dataset(variables, coords=coordinates, attrs=dict(attributes))
+        laid[name], known_units[name] = (dims, array), quantity.unit
+    return Layout(clocks, laid, known_units, _labels(labels, sizes), dict(attributes))
 
 
-def take_apart(dataset: xr.Dataset) -> tuple[FloatArray | None, dict[str, Any], dict[str, tuple[str, ...]]]:
-    """Give back time, channels and labels as `build` takes them, or raise `RecordingError`."""
-    time = np.asarray(dataset["time"].values) if "time" in dataset.coords else None
-    channels: dict[str, Any] = {}
-    for key, variable in dataset.data_vars.items():
-        name = str(key)
-        source, _ = split_channel(name)
-        clock = clock_of(dataset, source)
-        if variable.dims[:1] != (clock,) or clock not in dataset.coords:
-            text = f"has dimensions {variable.dims}; the first must be its clock '{clock}'."
-            raise _fault(name, text, "Build recordings with Recording.from_arrays.")
-        values = variable.values
-        channels[name] = values if clock == "time" else (dataset[clock].values, values)
+def of_stored(stored: Stored, attributes: Mapping[str, Any]) -> Layout:
+    """Lay out a dataset, or raise `RecordingError`."""
+    advice, channels, units = "Build recordings with Recording.from_arrays.", {}, {}
+    coordinates = {name: values for name, (dims, values, _) in stored.items() if dims == (name,)}
+    for name, (dims, values, own) in stored.items():
+        if name in coordinates:
+            continue
+        mine = f"{split_channel(name)[0]}.time"
+        clock = mine if mine in coordinates else "time"
+        if dims[:1] != (clock,) or clock not in coordinates:
+            text = f"has dimensions {dims}; the first must be its clock '{clock}'."
+            raise _fault(name, text, advice)
+        if "unit" not in own:
+            raise _fault(name, "has no unit attribute.", advice)
+        channels[name] = values if clock == "time" else (coordinates[clock], values)
+        units[name] = str(own["unit"])
+    if not channels:
+        raise RecordingError("The recording has no channels.", advice="Give at least one.")
     clocks = {"time"} | {f"{split_channel(name)[0]}.time" for name in channels}
     labels = {
-        str(dim): tuple(str(label) for label in dataset[dim].values)
-        for dim in dataset.coords
+        dim: tuple(str(label) for label in values)
+        for dim, values in coordinates.items()
         if dim not in clocks and dim not in FIXED_LABELS
     }
-    return time, channels, labels
-
-
-def units_of(dataset: xr.Dataset) -> dict[str, str]:
-    """Read the unit of every channel, or raise `RecordingError` where one is missing."""
-    units = {}
-    for key, variable in dataset.data_vars.items():
-        if "unit" not in variable.attrs:
-            raise _fault(str(key), "has no unit attribute.", "Build recordings with Recording.from_arrays.")
-        units[str(key)] = str(variable.attrs["unit"])
-    return units
+    about = header(
+        str(attributes.get("name", "")),
+        str(attributes.get("role", "unspecified")),
+        attributes.get("provenance", "{}"),
+    )
+    return build(coordinates.get("time"), channels, labels=labels, units=units, attributes=about)
 
 
 def _clocks(channels: Mapping[str, Any], clocks: dict[str, FloatArray]) -> dict[str, str]:
@@ -202,8 +275,10 @@ def _dims(
     )
 
 
-def _labels(labels: Mapping[str, Sequence[str]], sizes: Mapping[str, tuple[int, str]]) -> dict[str, Any]:
-    found: dict[str, Any] = {dim: (dim, list(names)) for dim, names in FIXED_LABELS.items() if dim in sizes}
+def _labels(
+    labels: Mapping[str, Sequence[str]], sizes: Mapping[str, tuple[int, str]]
+) -> dict[str, tuple[str, ...]]:
+    found: dict[str, tuple[str, ...]] = {k: tuple(x) for k, x in FIXED_LABELS.items() if k in sizes}
     for key, values in labels.items():
         kind = key.rpartition(".")[2]
         names = [values] if isinstance(values, str) else [str(value) for value in values]
@@ -229,7 +304,7 @@ def _labels(labels: Mapping[str, Sequence[str]], sizes: Mapping[str, tuple[int, 
                     label=key,
                     channel=owner,
                 )
-            found[dim] = (dim, names)
+            found[dim] = tuple(names)
     return found
 
 

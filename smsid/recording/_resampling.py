@@ -31,7 +31,7 @@ def new_times(recording: Recording, rate_or_times: float | ArrayLike) -> FloatAr
     rate = float(rate_or_times)  # type: ignore[arg-type]
     if not (np.isfinite(rate) and rate > 0.0):
         raise RecordingError(f"A rate of {rate} Hz is none.", advice="Give a positive rate in Hz.", rate=rate)
-    spans = [recording.dataset[clock].values for clock in recording.clocks]
+    spans = list(recording.times().values())
     start, end = max(float(t[0]) for t in spans), min(float(t[-1]) for t in spans)
     if start > end:
         raise RecordingError(
@@ -56,8 +56,8 @@ def interpolated(recording: Recording, times: FloatArray) -> dict[str, FloatArra
     """Interpolate every channel at ``times`` (M,) [s], or raise `RecordingError`."""
     _checks.check_finite(recording)
     _checks.check_quaternions(recording)
-    for clock in recording.clocks:
-        _refuse_outside(recording.dataset[clock].values, clock, times)
+    for clock, own in recording.times().items():
+        _refuse_outside(own, clock, times)
     channels = {}
     for name in recording.channels:
         own, values = recording.time(name), recording[name]

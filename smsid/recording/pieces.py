@@ -21,8 +21,7 @@ def complete_spans(recording: Recording) -> tuple[tuple[float, float], ...]:
     """
     holes: list[tuple[float, float]] = []
     starts, ends = [], []
-    for clock in recording.clocks:
-        times = recording.dataset[clock].values
+    for clock, times in recording.times().items():
         check_order(times, clock)
         starts.append(float(times[0]))
         ends.append(float(times[-1]))
@@ -82,5 +81,5 @@ def even_with_gaps(recording: Recording, names: Sequence[str]) -> tuple[np.ndarr
 
 
 def _sampled(recording: Recording, t0: float, t1: float) -> bool:
-    clocks = [recording.dataset[clock].values for clock in recording.clocks]
+    clocks = list(recording.times().values())
     return all(np.count_nonzero((times >= t0) & (times <= t1)) >= 2 for times in clocks)

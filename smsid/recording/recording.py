@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -33,30 +34,24 @@ class Recording(Told):
     verifies names, shapes and units; `check` verifies the samples.
 
     Args:
-        dataset: one variable per channel, as `dataset` gives it back; it is copied. Use `from_arrays` to
-            start from arrays.
+        dataset: one variable per channel, as `dataset` gives it back; it is copied, unless it is the layout
+            of a recording. Use `from_arrays` to start from arrays.
 
     Raises:
         RecordingError: a channel, unit, shape, clock, role or provenance is not as it should be.
     """
 
-    __slots__ = ("_contradictions", "_dataset")
-    _dataset: xr.Dataset
+    __slots__ = ("_contradictions", "_data")
+    _data: _layout.Layout
     _contradictions: Contradictions | None
 
-    def __init__(self, dataset: xr.Dataset) -> None:
-        attributes = _layout.header(
-            str(dataset.attrs.get("name", "")),
-            str(dataset.attrs.get("role", "unspecified")),
-            dataset.attrs.get("provenance", "{}"),
-        )
-        time, channels, labels = _layout.take_apart(dataset)
-        if not channels:
-            raise RecordingError("The recording has no channels.", advice="Give at least one.")
-        built = _layout.build(
-            time, channels, labels=labels, units=_layout.units_of(dataset), attributes=attributes
-        )
-        object.__setattr__(self, "_dataset", built)
+    def __init__(self, dataset: xr.Dataset | _layout.Layout) -> None:
+        if not isinstance(dataset, _layout.Layout):
+            stored = {
+                str(k): (tuple(map(str, x.dims)), x.values, x.attrs) for k, x in dataset.variables.items()
+            }
+            dataset = _layout.of_stored(stored, dataset.attrs)
+        object.__setattr__(self, "_data", dataset)
         object.__setattr__(self, "_contradictions", None)
 
     @classmethod
@@ -98,62 +93,78 @@ class Recording(Told):
     def __getitem__(self, name: str) -> FloatArray:
         """Give the samples of a channel, (N, ...), read-only; raise `RecordingError` if it is not there."""
         self.require(name)
-        return _frozen(self._dataset[name].values)
+        return _frozen(self._data.channels[name][1])
 
     def __contains__(self, name: object) -> bool:
-        return name in self._dataset.data_vars
+        return name in self._data.channels
 
     @property
     def dataset(self) -> xr.Dataset:
-        """A copy of the dataset that shares the read-only arrays."""
-        return self._dataset.copy(deep=False)
+        """A dataset of xarray that shares the read-only arrays."""
+        import xarray as xr
+
+        stored = self._data.stored()
+        coordinates = {k: x for k, x in stored.items() if x[0] == (k,)}
+        variables = {k: x for k, x in stored.items() if k not in coordinates}
+        return xr.Dataset(variables, coords=coordinates, attrs=dict(self._data.header))
+
+    @property
+    def layout(self) -> _layout.Layout:
+        """What it holds."""
+        return self._data
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels."""
-        return tuple(str(name) for name in self._dataset.data_vars)
+        return tuple(self._data.channels)
 
     @property
     def clocks(self) -> tuple[str, ...]:
         """Names of the clocks: ``time`` and ``<source>.time``."""
-        return tuple(
-            str(key) for key in self._dataset.coords if str(key) == "time" or str(key).endswith(".time")
-        )
+        return tuple(self._data.clocks)
 
     @property
     def labels(self) -> dict[str, tuple[str, ...]]:
         """Names along joints, wheels, modes and stations, as `from_arrays` takes them."""
-        return _layout.take_apart(self._dataset)[2]
+        return self._data.own_labels
 
     @property
     def units(self) -> dict[str, str]:
         """Unit of every channel."""
-        return _layout.units_of(self._dataset)
+        return dict(self._data.units)
 
     @property
     def name(self) -> str:
         """Name of the recording, perhaps empty."""
-        return self._dataset.attrs["name"]
+        return self._data.header["name"]
 
     @property
     def role(self) -> Role:
         """What the data may be used for: 'estimation', 'validation' or 'unspecified'."""
-        return self._dataset.attrs["role"]
+        return self._data.header["role"]  # type: ignore[return-value]
 
     @property
     def provenance(self) -> dict[str, Any]:
         """Where the data come from; a fresh dictionary that JSON can hold."""
-        return json.loads(self._dataset.attrs["provenance"])
+        return json.loads(self._data.header["provenance"])
 
     def channel(self, name: str) -> xr.DataArray:
         """Give a channel with its coordinates, unit and frame; raise `RecordingError` if it is not there."""
         self.require(name)
-        return self._dataset[name].copy(deep=False)
+        return self.dataset[name]
+
+    def columns(self, name: str) -> dict[str, tuple[str, ...]]:
+        """Give the dimensions of a channel behind its clock, each with its labels, if it has any.
+
+        Raises `RecordingError` if it is not there.
+        """
+        self.require(name)
+        return {dim: self._data.labels.get(dim, ()) for dim in self._data.channels[name][0][1:]}
 
     def unit(self, name: str) -> str:
         """Give the unit of a channel; raise `RecordingError` if it is not there."""
         self.require(name)
-        return self._dataset[name].attrs["unit"]
+        return self._data.units[name]
 
     def time(self, name: str | None = None) -> FloatArray:
         """Give the times [s], (N,), of a channel or source; without a name, the shared clock.
@@ -164,19 +175,28 @@ class Recording(Told):
         if name is None:
             clock = "time"
         elif name in self:
-            clock = _layout.clock_of(self._dataset, split_channel(name)[0])
+            clock = self.clock_of(name)
         elif any(channel.startswith(f"{name}.") for channel in self.channels):
-            clock = _layout.clock_of(self._dataset, name)
+            clock = self._data.clock_of(name)
         else:
             self.require(name)
             raise AssertionError(name)
-        if clock not in self._dataset.coords:
+        if clock not in self._data.clocks:
             raise RecordingError(
                 "The recording has no shared clock.",
                 advice=f"Ask for one of {', '.join(self.clocks)} by time('<source>'), or resample.",
                 clocks=self.clocks,
             )
-        return _frozen(self._dataset[clock].values)
+        return _frozen(self._data.clocks[clock])
+
+    def clock_of(self, name: str) -> str:
+        """Name the clock of a channel; raise `RecordingError` if it is not there."""
+        self.require(name)
+        return self._data.channels[name][0][0]
+
+    def times(self) -> dict[str, FloatArray]:
+        """Give the times [s], (N,), of every clock."""
+        return {clock: _frozen(times) for clock, times in self._data.clocks.items()}
 
     def require(self, *names: str) -> None:
         """Raise `RecordingError` naming the channels that are missing and those that are there."""
@@ -194,8 +214,10 @@ class Recording(Told):
             present=self.channels,
         )
 
-    def check(self) -> Recording:
+    def check(self, *, consistency: bool = True) -> Recording:
         """Verify the samples and give the recording back.
+
+        Without ``consistency`` channels are not compared with each other.
 
         Raises:
             RecordingError: a time that is not finite or does not increase, NaN or infinity in a channel, a
@@ -207,7 +229,8 @@ class Recording(Told):
         _checks.check_finite(self)
         _checks.check_gaps(self)
         _checks.check_quaternions(self)
-        self.check_consistency()
+        if consistency:
+            self.check_consistency()
         return self
 
     def check_consistency(self) -> tuple[str, ...]:
@@ -241,7 +264,7 @@ class Recording(Told):
 
     def gaps(self) -> tuple[Gap, ...]:
         """Find the steps longer than five median steps, on every clock."""
-        return tuple(gap for clock in self.clocks for gap in find_gaps(self._dataset[clock].values, clock))
+        return tuple(gap for clock, times in self.times().items() for gap in find_gaps(times, clock))
 
     def suspicious(self) -> list[str]:
         """Say in sentences which channels contradict each other as if a unit, sign or convention were wrong.
@@ -260,9 +283,8 @@ class Recording(Told):
         Raises:
             RecordingError: a clock does not increase, or has no sample in the window.
         """
-        cut = self._dataset
-        for clock in self.clocks:
-            times = cut[clock].values
+        kept: dict[str, slice] = {}
+        for clock, times in self.times().items():
             check_order(times, clock)
             inside = np.flatnonzero((times >= t0) & (times <= t1))
             if not inside.size:
@@ -274,9 +296,14 @@ class Recording(Told):
                     start=float(times[0]),
                     end=float(times[-1]),
                 )
-            cut = cut.isel({clock: slice(int(inside[0]), int(inside[-1]) + 1)})
+            kept[clock] = slice(int(inside[0]), int(inside[-1]) + 1)
         ends = [float(t) if np.isfinite(t) else None for t in (t0, t1)]
-        return Recording(cut)._noted({"window": ends})
+        return Recording(self._data.cut(kept))._noted({"window": ends})
+
+    def shifted(self, by: float) -> Recording:
+        """Let every clock show so much more [s]."""
+        clocks = {clock: times + by for clock, times in self._data.clocks.items()}
+        return Recording(replace(self._data, clocks=clocks))
 
     def resampled(self, rate_or_times: float | ArrayLike) -> Recording:
         """Bring all channels to one clock, linearly between samples, quaternions by slerp.
@@ -313,20 +340,23 @@ class Recording(Told):
         Raises:
             RecordingError: as `from_arrays`.
         """
-        time, present, known = _layout.take_apart(self._dataset)
+        clocks, present, known = self._data.clocks, self._data.parts(), self.labels
         for name, value in channels.items():
             own = f"{split_channel(name)[0]}.time"
-            on_own = own in self.clocks and not isinstance(value, tuple)
-            present[name] = (self._dataset[own].values, value) if on_own else value
+            present[name] = (clocks[own], value) if own in clocks and not isinstance(value, tuple) else value
         kept = {name: unit for name, unit in self.units.items() if name not in (units or {})}
-        return self._rebuilt(time, present, {**known, **(labels or {})}, {**kept, **(units or {})})
+        return self._rebuilt(
+            clocks.get("time"), present, {**known, **(labels or {})}, {**kept, **(units or {})}
+        )
 
     def without(self, *names: str) -> Recording:
         """Leave channels out; raise `RecordingError` if one is not there or none is left."""
         self.require(*names)
-        left = self._dataset.drop_vars(names)
-        used = {dim for variable in left.data_vars.values() for dim in variable.dims}
-        return Recording(left.drop_vars([key for key in left.coords if key not in used and key != "time"]))
+        return Recording(self._data.without(names))
+
+    def at_rows(self, rows: Mapping[str, NDArray[np.int_]]) -> Recording:
+        """Keep the ``rows`` (M,) of clocks by name; those of other clocks are all kept."""
+        return Recording(self._data.cut(rows))
 
     def with_role(self, role: str) -> Recording:
         """Give the recording another role; raise `RecordingError` if it is none."""
@@ -344,9 +374,7 @@ class Recording(Told):
         """Compare everything: samples (NaN equals NaN), clocks, labels, units, role, name, provenance."""
         if not isinstance(other, Recording) or self.provenance != other.provenance:
             return False
-        a, b = self._dataset.copy(deep=False), other._dataset.copy(deep=False)
-        a.attrs["provenance"] = b.attrs["provenance"] = ""
-        return self.channels == other.channels and a.identical(b)
+        return self._data.same(other._data)
 
     def _rebuilt(self, time: Any, channels: Any, labels: Any, units: Any) -> Recording:
         header = {"provenance": self.provenance, "role": self.role, "name": self.name}
@@ -357,7 +385,7 @@ class Recording(Told):
 
     def _with_header(self, **changes: Any) -> Recording:
         header = {"name": self.name, "role": self.role, "provenance": self.provenance, **changes}
-        return Recording(self._dataset.assign_attrs(_layout.header(**header)))
+        return Recording(replace(self._data, header=_layout.header(**header)))
 
     def __setattr__(self, key: str, value: object) -> None:
         raise AttributeError(f"A recording is frozen; '{key}' cannot be set. Use with_channels or with_role.")
@@ -366,13 +394,12 @@ class Recording(Told):
         raise AttributeError(f"A recording is frozen; '{key}' cannot be deleted.")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (Recording, (self._dataset,))
+        return (Recording, (self._data,))
 
     def _told(self) -> tuple[str, list[tuple[str, str]]]:
         title = f"recording{f' {self.name!r}' if self.name else ''} for {self.role}"
         rows = []
-        for clock in self.clocks:
-            times = self._dataset[clock].values
+        for clock, times in self.times().items():
             rows.append((f"{clock} [s]", f"{times.size} samples, {times[0]:.6g} to {times[-1]:.6g}"))
         for name in self.channels:
             shape = " x ".join(map(str, self[name].shape))

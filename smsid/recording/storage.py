@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smsid._files import atomic_write, check_target
 from smsid.errors import OutputError, RecordingError
+from smsid.recording._layout import Stored, of_stored
 from smsid.recording.channels import quantity_of
 from smsid.recording.recording import Recording
 
@@ -38,28 +40,45 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:
     Raises:
         RecordingError: the file cannot be written.
     """
-    dataset = recording.dataset
-    dataset.attrs.update(schema=SCHEMA, schema_version=SCHEMA_VERSION, time_unit="s")
-    encoding: dict[Any, Any] = {name: {"_FillValue": None} for name in dataset.variables}
-    for name in recording.channels:
-        # The checksum finds damage inside a file that still has its full length.
-        encoding[name]["fletcher32"] = True
     try:
-        return save_dataset(dataset, path, encoding)
+        check_target(path)
+        return _save_sealed(_written(recording), path)
     except OutputError as error:
         raise RecordingError(error.message, advice=error.advice, **error.evidence) from error
 
 
-def save_dataset(
-    dataset: Dataset, path: str | os.PathLike[str], encoding: Mapping[Any, Any] | None = None
-) -> Path:
+def _written(recording: Recording) -> bytes:
+    """Return the bytes of the netCDF-4 file of a recording."""
+    import h5netcdf
+    import h5py
+
+    content = io.BytesIO()
+    with h5netcdf.File(content, "w") as file:
+        file.attrs.update(
+            **recording.layout.header, schema=SCHEMA, schema_version=SCHEMA_VERSION, time_unit="s"
+        )
+        for name, (dims, values, attributes) in recording.layout.stored().items():
+            for dim, size in zip(dims, values.shape, strict=True):
+                if dim not in file.dimensions:
+                    file.dimensions[dim] = size
+            # the checksum finds damage inside a file that still has its full length
+            how = {"fletcher32": True} if name in recording else {}
+            kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
+            file.create_variable(name, dims, kind, values.astype(kind), **how).attrs.update(attributes)
+    return content.getvalue()
+
+
+def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> Path:
     """Write a dataset to a netCDF-4 file with a sum of all its bytes, whole or not at all; give its path.
 
     Raises `OutputError` when the file cannot be written.
     """
     check_target(path)
+    return _save_sealed(bytes(dataset.to_netcdf(engine="h5netcdf")), path)
+
+
+def _save_sealed(content: bytes, path: str | os.PathLike[str]) -> Path:
     # HDF5 crashes when the disk is full as it closes a file; bytes in memory are written by ourselves
-    content = bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
     return atomic_write(path, content + SEAL + hashlib.blake2b(content, digest_size=SUM_SIZE).digest())
 
 
@@ -70,8 +89,8 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         RecordingError: no such file, no HDF5, cut short or damaged, no smsid recording, or a schema version
             that this smsid does not know.
     """
-    dataset = read_dataset(path)
-    schema, version = dataset.attrs.get("schema"), dataset.attrs.get("schema_version")
+    stored, attributes = _read_stored(path)
+    schema, version = attributes.get("schema"), attributes.get("schema_version")
     if schema != SCHEMA:
         raise RecordingError(
             f"{path} is HDF5, but not a recording of smsid.",
@@ -87,10 +106,22 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
             version=version,
         )
     try:
-        _check_conventions(dataset)
-        return Recording(dataset)
+        _check_conventions(stored)
+        return Recording(of_stored(stored, attributes))
     except RecordingError as error:
         raise RecordingError(f"{path}: {error.message}", advice=error.advice, path=str(path)) from error
+
+
+def _read_stored(path: str | os.PathLike[str]) -> tuple[Stored, dict[str, Any]]:
+    """Return the variables and attributes of a netCDF-4 file without xarray, whose import takes long."""
+    import h5netcdf
+
+    check_hdf5(path)
+    with open_hdf5(path) as file, h5netcdf.File(file, "r", decode_vlen_strings=True) as opened:
+        stored = {
+            str(name): (tuple(v.dimensions), v[...], dict(v.attrs)) for name, v in opened.variables.items()
+        }
+        return stored, dict(opened.attrs)
 
 
 def read_dataset(path: str | os.PathLike[str]) -> Dataset:
@@ -216,14 +247,16 @@ def damaged(path: str | os.PathLike[str], error: Exception | None) -> RecordingE
     )
 
 
-def _check_conventions(dataset: Any) -> None:
-    for name, variable in dataset.data_vars.items():
-        quantity = quantity_of(str(name), unit=variable.attrs.get("unit"))
-        frame, order = variable.attrs.get("frame"), variable.attrs.get("quaternion_order")
+def _check_conventions(stored: Stored) -> None:
+    for name, (dims, _, attributes) in stored.items():
+        if dims == (name,):
+            continue
+        quantity = quantity_of(name, unit=attributes.get("unit"))
+        frame, order = attributes.get("frame"), attributes.get("quaternion_order")
         if frame != quantity.frame or (quantity.is_quaternion and order != "x y z w"):
             raise RecordingError(
                 f"Channel '{name}' is in frame '{frame}' (quaternion order {order}); expected "
                 f"'{quantity.frame}'{' and x y z w' if quantity.is_quaternion else ''}.",
                 advice="Bring it in with import_recording and a mapping, which converts conventions.",
-                channel=str(name),
+                channel=name,
             )

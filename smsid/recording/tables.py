@@ -29,7 +29,7 @@ def table_columns(recording: Recording) -> Columns:
     Columns are called ``imu.acceleration.x [m/s^2]``. Where a clock has no sample the cell is blank, see
     `Columns.blank`; times are exact.
     """
-    clocks = [recording.dataset[clock].values for clock in recording.clocks]
+    clocks = list(recording.times().values())
     times = np.unique(np.concatenate(clocks))
     columns = Columns({TIME: times})
     for channel in recording.channels:
@@ -72,10 +72,9 @@ def mapping_text(
 
 def labels_of(recording: Recording, channel: str) -> list[str]:
     """Return the labels of a channel's joints, wheels, modes or stations; none where it has none."""
-    array = recording.channel(channel)
-    dim = str(array.dims[1]) if array.ndim > 1 and not channel.startswith(f"{EXTRA}.") else ""
-    labelled = dim.rpartition(".")[2] in LABELLED_DIMS and dim in array.coords
-    return [str(x) for x in array.coords[dim].values] if labelled else []
+    columns = {} if channel.startswith(f"{EXTRA}.") else recording.columns(channel)
+    dim, labels = next(iter(columns.items()), ("", ()))
+    return list(labels) if dim.rpartition(".")[2] in LABELLED_DIMS else []
 
 
 def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:
@@ -114,13 +113,9 @@ def save_table(recording: Recording, path: str | os.PathLike[str]) -> Path:
 
 
 def _names(recording: Recording, channel: str) -> list[str]:
-    array = recording.channel(channel)
-    labels = [
-        [str(label) for label in array.coords[dim].values]
-        if dim in array.coords
-        else list(map(str, range(size)))
-        for dim, size in zip(array.dims[1:], array.shape[1:], strict=True)
-    ]
+    sizes = recording[channel].shape[1:]
+    own = zip(recording.columns(channel).values(), sizes, strict=True)
+    labels = [list(names) or list(map(str, range(size))) for names, size in own]
     names = [channel]
     for choices in labels:
         names = [f"{name}.{choice}" for name in names for choice in choices]
@@ -154,7 +149,7 @@ def save_mcap(recording: Recording, path: str | os.PathLike[str]) -> Path:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    start = min(float(recording.dataset[clock].values[0]) for clock in recording.clocks)
+    start = min(float(times[0]) for times in recording.times().values())
     with (
         atomic_path(Path(path)) as temporary,
         tempfile.TemporaryDirectory(dir=Path(temporary).parent) as folder,

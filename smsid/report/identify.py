@@ -55,7 +55,7 @@ def identify_report(
         description: what it started from.
         recordings: what it was made from.
         linear: the linear method's result.
-        refined: the refinement, if there is one; then ``linear`` stands beside it.
+        refined: the refinement, if there is one.
         origin: versions, command, files.
     """
     estimate = refined.estimate if refined is not None else linear.estimate
@@ -85,8 +85,7 @@ def identify_sections(
     """Return the sections of an identification."""
     estimate = refined.estimate if refined is not None else linear.estimate
     single = "Mass, slosh, appendages and single inertial parameters"
-    beside = linear.estimate if refined is not None else None
-    out = [parameter_section(reported_parameters(estimate), single, beside)]
+    out = [parameter_section(reported_parameters(estimate), single)]
     if left:
         out += residual_sections(left)
     elif problem:

@@ -28,22 +28,16 @@ def reported_parameters(estimate: Estimate) -> tuple[ParameterEstimate, ...]:
     return asked_for(estimate)
 
 
-def parameter_table(
-    title: str, parameters: Iterable[ParameterEstimate], linear: Estimate | None = None
-) -> Table:
-    """Return a table of parameters with intervals, beside the description and the linear method's values."""
+def parameter_table(title: str, parameters: Iterable[ParameterEstimate]) -> Table:
+    """Return a table of parameters with intervals, beside the description."""
     parameters = tuple(parameters)
     guessed = any(p.nominal is not None for p in parameters)
     columns = ["parameter", "#value", "#95 % interval", "unit"] + (["#described"] if guessed else [])
-    columns += ["#linear method", "#95 %"] if linear is not None else []
     columns += ["#relative σ", "status"]
     rows = []
     for p in parameters:
         row = [*cells(p.name, (p.value, 6)), interval_cell(p), Cell(unit(p.unit))]
         row += cells(None if p.nominal is None else (p.nominal, 6)) if guessed else ()
-        if linear is not None:
-            q = next((q for q in linear.parameters if q.name == p.name), None)
-            row += cells(None, None) if q is None else cells((q.value, 6), interval_cell(q))
         status = Cell(p.status.replace("_", " "), tone=STATUS.get(p.status, "neutral"))
         rows.append((*row, Cell(share(p.relative_sigma), p.relative_sigma), status))
     return Table(title, columns, rows)
@@ -86,16 +80,14 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate]) -> Figur
     return Figure(name, "How well each parameter is known", chart, caption)
 
 
-def parameter_section(
-    parameters: Sequence[ParameterEstimate], single: str, linear: Estimate | None = None
-) -> Section:
+def parameter_section(parameters: Sequence[ParameterEstimate], single: str) -> Section:
     """Return the section "Parameters": those that are named alone, titled ``single``, then combinations."""
     parts: list[Figure | Table] = []
     mixed = "Combinations of inertial parameters that the motion depends on"
     for key, title, combined in (("single", single, False), ("mixed", mixed, True)):
         some = [p for p in parameters if (" " in p.name) is combined]
         if some:
-            parts += [identifiability(f"known-{key}", some), parameter_table(title, some, linear)]
+            parts += [identifiability(f"known-{key}", some), parameter_table(title, some)]
     return Section("parameters", "Parameters", parts, f"{len(parameters)} with intervals")
 
 

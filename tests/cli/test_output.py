@@ -151,18 +151,6 @@ def test_the_default_methods_parameters_are_shown(flown, monkeypatch):
     assert estimate.covariance is not None and len(estimate.covariance) == len(estimate)
 
 
-def test_the_other_methods_column_is_of_the_same_parameter(flown, monkeypatch):
-    """Step B with the slosh state stands beside, not Step B as printed."""
-    monkeypatch.chdir(flown[0])
-    shown = flown[1]["identify"][1]
-    smsid("identify", "craft.toml", "exp1.nc", "exp2.nc", "--method", "paper", "-o", "p.json")
-    linear, refined = load_estimate("p.json"), load_estimate("e.json")
-    row = next(line.split() for line in shown.splitlines() if line.strip().startswith("bus.m"))
-    name = next(n for n in refined.names if n.startswith("bus.mx "))
-    assert f"{refined[name].value:.6g}" in row and f"{linear[name].value:.6g}" in row
-    assert len(set(linear.names)) == len(linear)
-
-
 def calls() -> dict[str, Callable[[str], list[str]]]:
     return {
         "view": lambda f: ["view", "craft.toml", f, "-o", "v.html"],

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from smsid.errors import NotIdentifiableError
 from smsid.estimation import identify
 from smsid.identify.estimate import Estimate
+from smsid.recording import Recording
 
 
 @pytest.mark.parametrize("evidence", ["marginal", "other_flight", None])
 def test_marginal_combinations_go_to_the_filter_which_marks_them(evidence, monkeypatch):
     message = "The identifiable combinations change with the sensors' noise: l1.m."
 
-    def raises(*_):
+    def raises(*_, **__):
         raise NotIdentifiableError(message, **({evidence: True} if evidence else {}))
 
     estimate = Estimate("x", "ml", (), notes=("first", "last"))
@@ -31,3 +34,28 @@ def test_marginal_combinations_go_to_the_filter_which_marks_them(evidence, monke
         return
     found = identify.identify_spacecraft(description, [])
     assert found.flights is flights and message in found.estimate.notes[1]
+
+
+def test_a_long_flight_begins_with_its_first_samples(monkeypatch):
+    """The slowest sensor counts; with thrust, or short, a flight is taken whole; a failure is no end."""
+    few = identify.BEGINNING
+    t = np.arange(2 * few + 1) / 100.0
+    rate = np.zeros((len(t), 3))
+    channels = {"imu.angular_rate": rate, "pose.position": (t[::2], rate[::2])}
+    slow = Recording.from_arrays(t, channels)
+    long = Recording.from_arrays(t, {"imu.angular_rate": rate})
+    pushed = long.with_channels({"command.force": rate + 1.0})
+    assert identify._beginning(slow) is slow and identify._beginning(pushed) is pushed
+    assert len(identify._beginning(long).time()) == few + 1
+    asked = []
+
+    def paper(_, recordings, **__):
+        asked.append(len(recordings[0].time()))
+        if len(asked) == 1:
+            raise NotIdentifiableError("Nothing moves yet.", advice="Wait.")
+        return "whole"
+
+    monkeypatch.setattr(identify, "by_the_paper", paper)
+    started: Any = identify._started
+    assert started(None, [long], None) == ("whole", "whole")
+    assert asked == [few + 1, len(t)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.errors import SimulationError
+from smsid.likelihood import prediction
 from smsid.likelihood.inputs import Drive, Thrust
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import predict
@@ -70,3 +71,18 @@ def test_a_motion_that_is_not_finite_is_refused_at_the_same_time(crafts, both_wa
     compiled, plain = both_ways(refused)
     assert compiled == plain
     assert compiled[1] == 1.5
+
+
+@pytest.mark.parametrize("steps", [1, 7, 40])
+def test_a_motion_predicted_in_parts_is_the_same(steps, crafts, monkeypatch):
+    """Parts that end inside of segments, and at the jump of the thrust (30 steps, then 50)."""
+    model = crafts["paper"]
+    parameters, own = Parameters.of(model), drive(model, held=False)
+    start = np.ones(3), np.array([0.0, 0.6, 0.0, 0.8])
+    whole = predict(parameters, own, GRID, *start)
+    monkeypatch.setattr(prediction, "PART", steps)
+    parts = predict(parameters, own, GRID, *start)
+    for x in QUANTITIES:
+        np.testing.assert_allclose(
+            getattr(parts, x), getattr(whole, x), atol=1e-12 * np.abs(getattr(whole, x)).max()
+        )

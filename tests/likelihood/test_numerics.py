@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.interpolate import BSpline
 from scipy.linalg import expm
+from scipy.sparse import csr_array
 
 from smsid.errors import DescriptionError
+from smsid.likelihood.channels import Channel, gram_root
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor, tangent
 from smsid.likelihood.runge_kutta import PLACES, A, B, C, stage_values, transitions
-from smsid.likelihood.spline import Samples, fit_motion
+from smsid.likelihood.spline import DEGREE, Samples, along, basis_sums, fit_motion
 from smsid.likelihood.time_grid import Timeline
 
 
@@ -143,3 +149,71 @@ def test_a_sum_that_is_known_far_better_than_its_terms_has_the_deviation_of_exac
     mild = Normal(np.diag([1.0, 4.0, 9.0]) + 0.5, prior, np.zeros(n))
     expected = rows @ np.linalg.inv(mild.information)[:2, :2] @ rows.T
     np.testing.assert_allclose(mild.covariance_of(rows), expected, rtol=1e-12)
+
+
+def test_a_prior_beside_a_million_samples_is_not_lost_in_rounding():
+    """One sum is known 1e10 times better than before, another hardly, one not at all: rounding hides that."""
+    basis, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
+    noise = 3e3 * np.random.default_rng(1).normal(size=(3, 3))  # what sums of 1e20 are rounded to
+    data = (basis * [1e20, 1e10, 0.0]) @ basis.T + noise + noise.T
+    found = Normal(data, np.eye(3), data @ basis[:, 1] * 1e-3 + 1e4 * basis[:, 2])
+    strong, weak, unseen = (float(found.covariance_of(row[None])[0, 0]) for row in basis.T)
+    assert strong == pytest.approx(1e-20, rel=1e-3) and unseen == pytest.approx(1.0, rel=1e-6)
+    assert 1e-10 < weak <= 1.0 + 1e-9  # known less than rounding: not told rather than told wrong
+    assert abs(basis[:, 2] @ found.solved()) < 1e-6  # a gradient of rounding leads nowhere
+
+
+def test_a_step_takes_its_part_off_the_gradient():
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(9, 4))
+    found = Normal(root.T @ root, np.eye(4), rng.normal(size=4), pull=rng.normal(size=4))
+    np.testing.assert_allclose(found.after(found.solved()).gradient, 0.0, atol=1e-12)
+    held, damped = found.solved(np.array([True, True, False, True])), found.solved(damping=1e3)
+    free = np.ix_([0, 1, 3], [0, 1, 3])
+    np.testing.assert_allclose(found.information[free] @ held, found.gradient[[0, 1, 3]], atol=1e-12)
+    diagonal = np.diag(np.diag(found.information))
+    np.testing.assert_allclose((found.information + 1e3 * diagonal) @ damped, found.gradient, atol=1e-9)
+
+
+@pytest.mark.parametrize("derivative", [0, 1])
+def test_sums_of_a_spline_are_those_of_its_design(derivative):
+    rng = np.random.default_rng(4)
+    knots = np.concatenate([[0.0] * DEGREE, np.linspace(0.0, 10.0, 14), [10.0] * DEGREE])
+    times, columns = np.sort(rng.uniform(-1.0, 10.0, 300)), rng.normal(size=(300, 2))
+    unit = [BSpline(knots, row, DEGREE) for row in np.eye(len(knots) - DEGREE - 1)]
+    x = np.column_stack([along(b, times, derivative) for b in unit])
+    gram, sums = basis_sums(times, knots, derivative, columns)
+    for d, own in enumerate(gram):
+        np.testing.assert_allclose(own[: len(own) - d], np.diag(x.T @ x, -d), atol=1e-10)
+    np.testing.assert_allclose(sums, x.T @ columns, atol=1e-10)
+
+
+def test_knots_of_a_long_record_are_those_that_its_liveliest_part_needs():
+    """Ten seconds of 0.5 Hz in ten minutes of rest at 100 Hz."""
+    times = np.arange(60_000) / 100.0
+    window = np.exp(-(((times - 433.0) / 4.0) ** 2))
+    exact = window * np.sin(np.pi * times)
+    noisy = exact + 1e-4 * np.random.default_rng(5).standard_normal(len(times))
+    motion = fit_motion([Samples(0, times, noisy[:, None], np.array([1e-4]))], 0.0, times[-1], 100.0, 0.1)
+    assert motion.spacing < 1.0
+    assert np.abs(motion.values(times)[0][:, 0] - exact).max() < 3e-4
+
+
+def test_a_channel_without_some_samples_shares_its_weights():
+    timeline = Timeline.of(0.0, 4.0, [], 0.1)
+    times, rng = np.linspace(0.0, 4.0, 301), np.random.default_rng(6)
+    weights, coarse = timeline.interpolation(times), timeline.coarse.interpolation(times)
+    root = gram_root(csr_array(coarse.T @ coarse))
+    sensor: Any = SimpleNamespace(name="imu")
+    whole = Channel(
+        sensor, "angular_rate", times, rng.normal(size=(301, 2)), np.eye(2), weights, coarse, root
+    )
+    kept = rng.uniform(size=301) > 0.1
+    once = whole.only(kept)
+    twice = once.only(np.arange(len(once.times)) != 7)
+    rows = np.delete(np.flatnonzero(kept), 7)
+    nodes, own = rng.normal(size=(41, 2)), coarse.toarray()[rows]
+    np.testing.assert_allclose(twice.residual(nodes, None), whole.values[rows] - (weights @ nodes)[rows])
+    np.testing.assert_allclose(twice.to_coarse(twice.values), own.T @ twice.values, atol=1e-12)
+    np.testing.assert_allclose((twice.root.T @ twice.root).toarray(), own.T @ own, atol=1e-7)
+    assert twice.weights is whole.weights and twice.dropped == 301 - len(rows)

@@ -202,3 +202,16 @@ def test_a_single_reading_of_1e300_is_named_and_refused(benchmark, channel):
     assert f"'{channel}' joint2 has 1 isolated outliers" in sentence
     with pytest.raises(InconsistentChannelsError, match=r"joint2.*1e\+300"):
         wrong.check()
+
+
+def test_a_fault_of_a_long_recording_is_found_by_some_of_its_spans():
+    """Sixty thousand samples and more: spans begin at every other one."""
+    long = recording(70_001)
+    assert not long.contradictions().findings
+    name, rate = "encoder.joint_velocity", long["encoder.joint_velocity"]
+    found = long.with_channels({name: rate[:, ::-1]}).contradictions().findings
+    assert [(f.kind, f.channel) for f in found if f.other == "encoder.joint_position"] == [("swapped", name)]
+    late = np.column_stack([np.interp(long.time() - 0.3, long.time(), x) for x in rate.T])
+    found = long.with_channels({name: late}).contradictions().findings
+    (delay,) = [f for f in found if f.other == "encoder.joint_position"]
+    assert delay.kind == "delay" and delay.numbers[0] == pytest.approx(0.3, abs=0.02)

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -219,3 +221,17 @@ def test_a_file_with_other_conventions_is_refused(channel, key, value, message, 
     with pytest.raises(RecordingError, match=message) as caught:
         load_recording(path)
     assert "rec.nc" in str(caught.value)
+
+
+def test_reading_and_writing_do_without_xarray(tmp_path):
+    path = save_recording(recording(), tmp_path / "r.nc")
+    code = f"""
+import sys
+from smsid.recording import load_recording, save_recording
+again = load_recording({str(path)!r})
+save_recording(again.window(1.0, 2.0).without("imu.acceleration"), {str(tmp_path / "s.nc")!r})
+assert again.check().labels["joint"] == ("shoulder", "elbow")
+print(sorted({{"xarray", "pandas", "dask"}} & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

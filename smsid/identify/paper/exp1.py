@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError, RecordingError
-from smsid.identify.appendage_modes import panel_modes
+from smsid.identify.appendage_modes import FEWEST_ROWS, MOST_ROWS, panel_modes
 from smsid.identify.clocks import event_times, rate_of, sample_channel
 from smsid.identify.commanded import excited_axes
 from smsid.identify.paper.exp1_axis_data import SMOOTHING, axis_data
@@ -24,7 +24,7 @@ from smsid.identify.paper.exp1_result import (
     participation_along,
     tank_marks,
 )
-from smsid.identify.paper.mode_noise import mode_sigmas
+from smsid.identify.paper.mode_noise import REPLICATES, mode_sigmas
 from smsid.identify.paper.motion import raw_rates
 from smsid.identify.paper.noise_replicates import add_noise_replicate, covariance_of_moves
 from smsid.identify.paper.rest import check_at_rest
@@ -44,12 +44,15 @@ NOISE_SIGMAS = 5.0  # of the gyro's stated noise that are no rotation
 REPLICATES_SEED = 0  # of the noise added to see how far it moves modes: the same data give the same interval
 
 
-def identify_translation(model: SpacecraftModel, recordings: list[Recording]) -> TranslationResult:
+def identify_translation(
+    model: SpacecraftModel, recordings: list[Recording], *, replicates: bool = True
+) -> TranslationResult:
     """Identify M, slosh and appendages from recordings of Exp. 1 (several: one per axis, say).
 
     An axis is taken from the first recording that identifies it; axes that cannot be identified are named in
-    ``notes``, and what they would tell stays as described. Raises `NotIdentifiableError` when a recording
-    rotates or does not start at rest, or when no axis can be identified for another reason than noise.
+    ``notes``, and what they would tell stays as described. ``replicates``: whether noise added again shows
+    how far it moves modes and several tanks. Raises `NotIdentifiableError` when a recording rotates or
+    does not start at rest, or when no axis can be identified for another reason than noise.
     """
     axes: dict[str, AxisEstimate] = {}
     notes: list[str] = []
@@ -78,9 +81,9 @@ def identify_translation(model: SpacecraftModel, recordings: list[Recording]) ->
             axes[axis] = found
             notes += [f"axis {axis}: {found.note}"] if found.note else []
             shares |= {s.symbol: s for s in own}
-        if len(model.slosh) > 1:
+        if replicates and len(model.slosh) > 1:
             _widen_several_tanks(model, recording, axes, notes)
-        for name, seen in _modes(model, recording, notes).items():
+        for name, seen in _modes(model, recording, notes, replicates).items():
             modes.setdefault(name, seen)
     missing = sorted(set("xyz") - wanted)
     reasons = {a: r for a, r in reasons.items() if a not in axes}
@@ -199,7 +202,9 @@ def averaged_at_steps(time: np.ndarray, values: np.ndarray, steps: np.ndarray) -
     return out
 
 
-def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> dict[str, SeenModes]:
+def _modes(
+    model: SpacecraftModel, recording: Recording, notes: list[str], replicates: bool
+) -> dict[str, SeenModes]:
     """Clamped and coupled modes of every appendage that thrust excited, and how far noise moves them."""
     roles = Roles.of(model, recording, joints=False)
     excited = excited_axes(recording)
@@ -221,7 +226,8 @@ def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> di
         try:
             y = averaged_at_steps(time, sample_channel(recording, sensor, "acceleration", time, None), steps)
             y = y[:, :, axis]
-            modes = panel_modes(time, y, base[:, axis], free_from=last)
+            rows = MOST_ROWS if replicates else FEWEST_ROWS
+            modes = panel_modes(time, y, base[:, axis], free_from=last, most_rows=rows)
             clamped, coupled = mode_sigmas(
                 time,
                 y,
@@ -231,6 +237,7 @@ def _modes(model: SpacecraftModel, recording: Recording, notes: list[str]) -> di
                 base_noise=float(white_sigma(base[:, axis])),
                 free_from=last,
                 rng=np.random.default_rng(REPLICATES_SEED),
+                replicates=REPLICATES if replicates else 0,
             )
             found[name] = SeenModes(modes, clamped, coupled)
         except (NotIdentifiableError, RecordingError) as error:

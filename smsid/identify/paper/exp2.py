@@ -66,6 +66,7 @@ def identify_momentum(
     perturbed: Sequence[tuple[SpacecraftModel, float]] = (),
     described: SpacecraftModel | None = None,
     refine: bool = False,
+    replicates: bool = True,
 ) -> MomentumResult:
     """Identify inertial parameters from one recording of Exp. 2, starting at rest, without thrust.
 
@@ -74,6 +75,8 @@ def identify_momentum(
     are the model and mass with the results of Exp. 1 moved by a standard deviation in one direction after the
     other: what that moves is added to the covariance. ``refine`` corrects the tracked point first
     (`refine_pose_point`). ``described`` is the model that nominal values are taken from (default: ``model``).
+    Without ``replicates`` of the noise, covariances are those of the regressions alone, and Step B as printed
+    is left out.
 
     Raises `RecordingError` for missing or unusable channels, `NotIdentifiableError` when the recording cannot
     identify inertia, saying why.
@@ -110,13 +113,14 @@ def identify_momentum(
     without = hidden.without_slosh()
     a_printed = step_a(model, motion, without, mass)
     b_printed = None
-    try:
-        b_printed = timed(
-            "Step B as printed",
-            lambda: step_b_printed(model, motion, without, mass, slosh_mass(model), a.position),
-        )
-    except NotIdentifiableError as error:
-        notes.append(f"Step B as printed: {error}")
+    if replicates:
+        try:
+            b_printed = timed(
+                "Step B as printed",
+                lambda: step_b_printed(model, motion, without, mass, slosh_mass(model), a.position),
+            )
+        except NotIdentifiableError as error:
+            notes.append(f"Step B as printed: {error}")
     steps = Steps(a, b, b_printed)
     place = {"pose_point": motion.pose_point, "imu_point": motion.imu_point}
 
@@ -124,7 +128,8 @@ def identify_momentum(
         recorded = add_noise_replicate(recording, model.description.effective_sensors(), rng)
         return replace(prepare(model, recorded, cutoff=cutoff, rate=rate), **place)
 
-    steps = timed("errors", lambda: with_errors(steps, model, motion, mass, modal, noisier, perturbed))
+    if replicates:
+        steps = timed("errors", lambda: with_errors(steps, model, motion, mass, modal, noisier, perturbed))
     if b_printed is not None and steps.printed is None:
         notes.append(
             "Step B as printed: the combinations it identifies change with the noise; it is left out"

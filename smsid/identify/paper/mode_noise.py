@@ -31,6 +31,7 @@ def mode_sigmas(
     base_noise: float,
     free_from: float | None,
     rng: np.random.Generator,
+    replicates: int = REPLICATES,
 ) -> tuple[tuple[ModeSigma, ...], tuple[ModeSigma, ...]]:
     """Return standard deviations of the clamped and the coupled modes.
 
@@ -38,7 +39,7 @@ def mode_sigmas(
     to the measured ``panel`` (N, stations) and ``base`` (N,) accelerations at ``time`` (N,) [s]; where
     estimates answer noise linearly they scatter about the estimate as it does about the truth. With 8
     replicates a standard deviation is itself known to about a quarter: it is widened by what Student's t asks
-    for (`smsid.identify.paper.noise_replicates.small_sample_factor`).
+    for (`smsid.identify.paper.noise_replicates.small_sample_factor`). With no ``replicates`` all are zero.
     """
     highest = 1.5 * max((m.frequency for m in (*found.clamped, *found.coupled)), default=1.0)
     again = [
@@ -49,7 +50,7 @@ def mode_sigmas(
             free_from=free_from,
             highest_frequency=highest,
         )
-        for _ in range(REPLICATES)
+        for _ in range(replicates)
     ]
     return (
         _spread(found.clamped, [r.clamped for r in again]),
@@ -58,6 +59,8 @@ def mode_sigmas(
 
 
 def _spread(modes: tuple[Mode, ...], again: list[tuple[Mode, ...]]) -> tuple[ModeSigma, ...]:
+    if not again:
+        return (ModeSigma(0.0, 0.0),) * len(modes)
     out = []
     for mode in modes:
         near = [min(r, key=lambda m: abs(m.frequency - mode.frequency)) for r in again if r]

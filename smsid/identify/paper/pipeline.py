@@ -51,28 +51,30 @@ def identify(
     *,
     modal: Modal = "smoother",
     refine_pose_point: bool = False,
+    replicates: bool = True,
 ) -> Identification:
     """Identify a spacecraft by the paper's method: Exp. 1 (22)-(27) and SSI-COV, then Exp. 2 (31)-(39).
 
     Recordings with thrust count as Exp. 1, those without as Exp. 2; the description's values are starting
     guesses only, its geometry (mounts, c_s, sensor positions, wheel axes and inertia, panel shape) is taken
     as known. ``modal``: how Exp. 2 estimates bending, see `identify_momentum`. ``refine_pose_point``: take
-    the position of the pose sensor (and the IMU beside it) for a guess too, see `PosePoint`.
+    the position of the pose sensor (and the IMU beside it) for a guess too, see `PosePoint`. ``replicates``:
+    whether intervals come from noise added once more; a first guess needs none.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` for recordings that cannot
     identify what is asked.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
-        return _identify(description, recordings, modal, refine_pose_point)
+        return _identify(description, recordings, modal, refine_pose_point, replicates)
 
 
 def _identify(
-    description: Description, recordings: Sequence[Recording], modal: Modal, refine: bool
+    description: Description, recordings: Sequence[Recording], modal: Modal, refine: bool, replicates: bool
 ) -> Identification:
     started = time.perf_counter()
     given = description
     model = described = build_model(given)  # first: effects that do not fit their panel are refused by name
-    mends = _mended(description, [order_columns(r, model) for r in recordings])
+    mends, doubts = _mended(description, [order_columns(r, model) for r in recordings])
     description, left_out = linear_appendages(given)
     if description != given:
         model = described = build_model(description)
@@ -94,7 +96,7 @@ def _identify(
             other_flight=True,
         )
     parameters: list[ParameterEstimate] = []
-    notes = left_out + consistency_notes([m.recording for m in mends])
+    notes = left_out + doubts
     notes += [note for m in mends for note in m.notes]
     timing: dict[str, float] = {}
     conditions: dict[str, float] = {}
@@ -102,7 +104,7 @@ def _identify(
     if pushed:
         mark = time.perf_counter()
         try:
-            translation = identify_translation(model, pushed)
+            translation = identify_translation(model, pushed, replicates=replicates)
         except NotIdentifiableError as error:
             raise _with_notes(error, notes) from error
         timing["Exp. 1"] = time.perf_counter() - mark
@@ -119,7 +121,7 @@ def _identify(
         if not told:
             why = "Exp. 1 does not tell them" if translation else "no Exp. 1 was given"
             notes.append(f"{why}: total mass, slosh and appendages are taken from the description")
-        perturbed = _perturbed(linear, told) if told else []
+        perturbed = _perturbed(linear, told) if told and replicates else []
         momentum = identify_momentum(
             model,
             floating[0],
@@ -128,6 +130,7 @@ def _identify(
             perturbed=perturbed,
             described=described,
             refine=refine,
+            replicates=replicates,
         )
         parameters += momentum.parameters
         notes += momentum.notes
@@ -159,7 +162,7 @@ def _as_given(
     return as_described(given.with_effects(*(e for e in changed if e.name not in own)), bending)
 
 
-def _mended(description: Description, recordings: Sequence[Recording]) -> list[Mended]:
+def _mended(description: Description, recordings: Sequence[Recording]) -> tuple[list[Mended], list[str]]:
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
     for recording in recordings:
@@ -169,7 +172,8 @@ def _mended(description: Description, recordings: Sequence[Recording]) -> list[M
                 advice="Identify from recordings in the role estimation.",
             )
     sensors = description.effective_sensors()
-    return [fill_gaps(correct_readings(r, sensors), sensors) for r in recordings]
+    corrected = [correct_readings(r, sensors) for r in recordings]
+    return [fill_gaps(r, sensors) for r in corrected], consistency_notes(corrected)
 
 
 def _with_notes(error: NotIdentifiableError, notes: Sequence[str]) -> NotIdentifiableError:

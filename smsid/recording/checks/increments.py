@@ -5,7 +5,7 @@ Both are low-passed alike by the span, so noise is not amplified, and neither is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -19,6 +19,8 @@ FloatArray = NDArray[np.float64]
 
 MIN_SPANS = 20
 """Fewer independent spans correlate by chance."""
+MAX_SPANS = 30_000
+"""Of a longer recording spans begin at every so many samples: more tell no more."""
 MAX_TURN = 0.7
 """Rotation over a span [rad] above which rotation vectors and integrals of body rates differ."""
 
@@ -52,12 +54,13 @@ class KinematicPair:
     kind: str = "plain"
     attitude: tuple[FloatArray, FloatArray] | None = None
 
-    def spans(self) -> Iterator[SpanPair]:
-        """Yield the spans, doubling from one sample."""
-        count = 1
-        while (pair := self.shifted(count)) is not None:
-            yield pair
-            count *= 2
+    @cached_property
+    def spans(self) -> tuple[SpanPair, ...]:
+        """The spans, doubling from one sample."""
+        found: list[SpanPair] = []
+        while (pair := self.shifted(2 ** len(found))) is not None:
+            found.append(pair)
+        return tuple(found)
 
     def shifted(self, count: int, lag: float = 0.0, column: slice = slice(None)) -> SpanPair | None:
         """Return the spans of so many samples, a power of two, or ``None`` where they are too few or long.
@@ -71,16 +74,18 @@ class KinematicPair:
         size = int(stop - first)
         if size <= 2 * MIN_SPANS or count > size // MIN_SPANS:
             return None
-        stride = max(1, count // 4)
-        t = self.t[first:stop:stride]
-        begins, ends = t[: -(count // stride)], t[count // stride :]
-        a = self._increments(slice(first, stop - count, stride), count, column, kept=lag != 0.0)
+        stride = max(1, count // 4, size // MAX_SPANS)
+        first += -first % stride if stride > max(1, count // 4) else 0  # so that `_turned` is of these alone
+        starts, stops = slice(first, stop - count, stride), slice(first + count, stop, stride)
+        a = self._increments(starts, count, column, kept=lag != 0.0)
         if a is None:
             return None
-        at = np.clip(t + lag, self.times[0], self.times[-1])
-        s = np.column_stack([np.interp(at, self.times, own) for own in self._driven.T[column]])
-        b = s[count // stride :] - s[: -(count // stride)]
+        begins, ends = self.t[starts], self.t[stops]
         (own, rate), late = self._gaps, (begins + lag, ends + lag)
+        if lag == 0.0 and self._one_clock:
+            b = self._driven[stops, column] - self._driven[starts, column]
+        else:
+            b = self._driven_at(late[1], column) - self._driven_at(late[0], column)
         whole = ~(crosses_a_gap(own, begins, ends) | crosses_a_gap(rate, *late))
         if np.count_nonzero(whole) < MIN_SPANS:
             return None
@@ -90,6 +95,14 @@ class KinematicPair:
     @cached_property
     def _driven(self) -> FloatArray:
         return integral(self.times, self.v)
+
+    @cached_property
+    def _one_clock(self) -> bool:
+        return np.array_equal(self.t, self.times)
+
+    def _driven_at(self, times: FloatArray, column: slice) -> FloatArray:
+        at = np.clip(times, self.times[0], self.times[-1])
+        return np.column_stack([np.interp(at, self.times, own) for own in self._driven.T[column]])
 
     @cached_property
     def _step(self) -> float:
@@ -102,7 +115,9 @@ class KinematicPair:
     def _increments(self, begins: slice, count: int, column: slice, *, kept: bool) -> FloatArray | None:
         """Increments (M, k) from some samples on; ``kept``: of all samples at once, for other lags too."""
         if kept and self.kind != "plain":
-            found = self._turned(count)[begins]
+            thin = begins.step if begins.start % begins.step == 0 else 1
+            begin, stop = begins.start // thin, -(-begins.stop // thin)
+            found = self._turned(count, thin)[begin : stop : begins.step // thin]
         else:
             ends = slice(begins.start + count, begins.stop + count, begins.step)
             found = self._between(begins, ends)
@@ -111,8 +126,10 @@ class KinematicPair:
         return found[:, column]
 
     @cached_property
-    def _turned(self) -> Callable[[int], FloatArray]:
-        return cache(lambda count: self._between(slice(0, self.t.size - count), slice(count, None)))
+    def _turned(self) -> Callable[[int, int], FloatArray]:
+        return cache(
+            lambda count, thin: self._between(slice(0, self.t.size - count, thin), slice(count, None, thin))
+        )
 
     def _between(self, begins: slice, ends: slice) -> FloatArray:
         before, after = self.x[begins], self.x[ends]

@@ -37,11 +37,8 @@ MAX_LAG = 1.0
 
 def component_labels(recording: Recording, name: str) -> tuple[str, ...]:
     """Return the labels of a channel's components; where it has none, the dimension and a number."""
-    channel = recording.channel(name)
-    dim = channel.dims[1]
-    if dim in channel.coords:
-        return tuple(str(label) for label in channel.coords[dim].values)
-    return tuple(f"{dim} {k}" for k in range(channel.shape[1]))
+    dim, labels = next(iter(recording.columns(name).items()))
+    return labels or tuple(f"{dim} {k}" for k in range(recording[name].shape[1]))
 
 
 @dataclass(frozen=True)
@@ -102,7 +99,7 @@ class PairCheck:
 
     def _best(self, pair: KinematicPair) -> list[_Best | None]:
         best: list[_Best | None] = [None] * len(self.labels)
-        for span in pair.spans():
+        for span in pair.spans:
             a, b = span.increments, span.integrals
             aa, bb = np.sum(a * a, axis=0), np.sum(b * b, axis=0)
             floor = a.shape[0] * (1e-12 * (1.0 + float(np.abs(self.pair.x).max()))) ** 2
@@ -270,7 +267,7 @@ class PairCheck:
 def _explained(pair: KinematicPair, usable: list[bool]) -> float | None:
     """Give the largest share of the integrals' variance that the increments explain, over all spans."""
     shares = []
-    for s in pair.spans():
+    for s in pair.spans:
         a, b = s.increments[:, usable], s.integrals[:, usable]
         total = float(np.sum(b * b))
         if total > 0.0:

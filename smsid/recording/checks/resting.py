@@ -94,7 +94,7 @@ def _motion(
     # While a rate rests, what it drives must grow by the rate times the span.
     fine = None
     mask_sum = np.concatenate([[0.0], np.cumsum(~marked)])
-    for s in check.pair.spans():
+    for s in check.pair.spans:
         a, residual = s.increments[:, k], s.increments[:, k] - s.integrals[:, k]
         if fine is None:
             fine = float(np.median(np.abs(np.diff(a)))) + _floor(check)
