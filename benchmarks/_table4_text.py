@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from _table4 import PRINTED_UNITS, cases
-
 from smsid.control.trajectory import PAPER_ACCELERATION
+from smsid.paper.table4 import PRINTED_UNITS, cases
 
 GYRO = "integrated gyro"
 

@@ -24,7 +24,6 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 from _common import ROOT, environment, write_result  # noqa: E402
-from _table4 import DESIGN_LEVEL, Study, Variant, cases  # noqa: E402
 from _table4_identified import identified  # noqa: E402
 
 from smsid.control.closed_loop import (  # noqa: E402
@@ -47,6 +46,7 @@ from smsid.control.weights import weights_from_level  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.errors import SmsidError  # noqa: E402
 from smsid.model import build_model  # noqa: E402
+from smsid.paper.table4 import DESIGN_LEVEL, Study, Variant, cases  # noqa: E402
 
 STORE = ROOT / "build" / "hinf_benefit.jsonl"
 ATTITUDE, GYRO = 2e-6, 1e-6  # [rad], [rad/s] of a sample

@@ -18,7 +18,6 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import ctrlsys  # noqa: E402
 import numpy as np  # noqa: E402
 from _common import ROOT, environment, write_result  # noqa: E402
-from _table4 import Study, Variant, cases  # noqa: E402
 from scipy.linalg import null_space  # noqa: E402
 
 from smsid.control.gains import gains  # noqa: E402
@@ -28,6 +27,7 @@ from smsid.control.statespace import StateSpace, hinf_norm, lower_lft  # noqa: E
 from smsid.control.weights import Weights  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
+from smsid.paper.table4 import Study, Variant, cases  # noqa: E402
 
 SEEDS = 16
 

@@ -25,7 +25,6 @@ import numpy as np  # noqa: E402
 import pinocchio as pin  # noqa: E402
 from _accuracy_cases import Data, noisy  # noqa: E402
 from _common import RESULTS, ROOT, environment, write_result  # noqa: E402
-from _table4 import Study, Variant, cases  # noqa: E402
 
 from smsid.control.gains import gains  # noqa: E402
 from smsid.control.identified_model import identified_level, identified_model, inertia_at  # noqa: E402
@@ -38,6 +37,7 @@ from smsid.description import load_description  # noqa: E402
 from smsid.identify.paper.pipeline import identify  # noqa: E402
 from smsid.likelihood import refine  # noqa: E402
 from smsid.model import SpacecraftModel, build_model  # noqa: E402
+from smsid.paper.table4 import Study, Variant, cases  # noqa: E402
 
 PLANTS = 1000
 SHOWN = ("D", "A1.6", "A1.0")

@@ -23,9 +23,7 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 from _common import RESULTS, ROOT, environment, spread, write_result  # noqa: E402
-from _table4 import CONTROLLERS, INTEGRATED_GYRO, Case, Run, Study, Variant, cases  # noqa: E402
 from _table4_identified import identified, identify_up_to, stored  # noqa: E402
-from _table4_study import improvements, orderings, printed, summarise  # noqa: E402
 from _table4_text import markdown  # noqa: E402
 
 from smsid._files import atomic_write  # noqa: E402
@@ -33,6 +31,8 @@ from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.kernel.jit import SWITCH  # noqa: E402
 from smsid.model import build_model  # noqa: E402
+from smsid.paper.table4 import CONTROLLERS, INTEGRATED_GYRO, Case, Run, Study, Variant, cases  # noqa: E402
+from smsid.paper.table4_study import improvements, orderings, printed, summarise  # noqa: E402
 
 LINES = ROOT / "build" / "table4_runs.jsonl"
 MAIN, QUIET, GYRO = Variant(), "no noise", INTEGRATED_GYRO.name

@@ -1,7 +1,8 @@
-"""``smsid control``: design a controller for a description and an estimate."""
+"""``smsid control``: design a controller for a description and an estimate, or repeat the paper's Table 4."""
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from smsid.description import Description
+    from smsid.identify.estimate import Estimate
+
 
 RATE = 100.0  # [Hz] of a controller's calls
 
@@ -41,22 +45,45 @@ def control_command(
     crossover: Annotated[
         float, typer.Option(help="where delay and unmodelled dynamics take over [rad/s]")
     ] = 10.0,
-    rate: Annotated[float | None, typer.Option(help="of the controller [Hz]; 100 if left out")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="of the controller [Hz]; 100, with --study table4 20, if left out")
+    ] = None,
     samples: Annotated[
         int, typer.Option(help="plants drawn from the estimate for the robust analysis")
     ] = 1000,
     seed: Annotated[int, typer.Option(min=0, help="of what is drawn")] = 0,
     output: Annotated[Output, Writes((".json",), kind="controller")] = Path("controller.json"),
+    study: Annotated[
+        str | None, typer.Option(help="table4: fly the paper's cases instead of designing")
+    ] = None,
+    draws: Annotated[int, typer.Option(help="flights per case of the study")] = 5,
+    integrated_gyro: Annotated[
+        bool,
+        typer.Option(
+            "--integrated-gyro",
+            help="--study table4: attitude from an integrated gyro, as in the paper, instead of the sensors",
+        ),
+    ] = False,
     report: ReportPath = None,
     show_all: ShowAll = False,
 ) -> Outcome:
-    """Design model-based PD with an H-infinity term from what is identified."""
+    """Design model-based PD with an H-infinity term from what is identified, or repeat Table 4."""
     import numpy as np
 
     from smsid.description import load_description
 
+    if study is not None and study != "table4":
+        raise ControlError(f"There is no study '{study}'.", advice="Use --study table4.")
     described = load_description(description)
     found, files = read_estimate(estimate), [description, estimate]
+    if study is not None:
+        from smsid.paper.table4_report import study_report
+
+        flown = _fly_study(described, found, draws, rate, crossover, integrated_gyro, output)
+        page = write_page(
+            report, lambda o: study_report(flown, described.name, o), files, described, seed=seed
+        )
+        return Outcome({"study": flown}, [output, *page])
     if found is None and uncertainty is None:
         raise ControlError(
             "Neither an estimate nor an uncertainty is given.",
@@ -80,6 +107,42 @@ def control_command(
     document = controller_document(made)
     print_parts(document_parts(document, everything=show_all))
     return Outcome({"controller": document}, [output, *page])
+
+
+def _fly_study(
+    described: Description,
+    found: Estimate | None,
+    draws: int,
+    rate: float | None,
+    crossover: float,
+    integrated_gyro: bool,
+    output: Path,
+) -> dict[str, Any]:
+    """Fly the paper's Table 4, write the document and print it."""
+    from smsid._files import atomic_write
+    from smsid.paper.table4 import Variant
+    from smsid.paper.table4_study import fly_study
+
+    own = Variant().rate if rate is None else rate
+    how: dict[str, Any] = {"rate": own, "crossover": crossover, "integrated_gyro": integrated_gyro}
+    with working("flying") as tell:
+        flown = fly_study(described, found, draws, **how, tell=tell)
+    atomic_write(output, json.dumps(flown, indent=1, allow_nan=False) + "\n")
+    print_parts(study_parts(flown))
+    return flown
+
+
+def study_parts(d: Mapping[str, Any], *, everything: bool = True) -> Iterator[RenderableType]:
+    """Yield what to print of a study of Table 4: which is smaller, by how much, every case (always)."""
+    from smsid.cli.tables import plain_table
+    from smsid.paper.table4_study import COLUMNS, study_cells, study_lines
+
+    yield from study_lines(d)
+    table = plain_table(*COLUMNS, left=COLUMNS[:2])
+    for row in study_cells(d):
+        table.add_row(*row)
+    yield table
+    yield "The paper's numbers have no unit in print: they are read in degrees, which fits (docs: Control)."
 
 
 def _pair(text: str) -> tuple[float, float]:

@@ -18,6 +18,7 @@ SHOWN = {
     "track": ("smsid.tracking.history:load_history", f"{PARTS}:track_parts"),
     "linear_plant": (READ_JSON, f"{PARTS}:plant_parts"),
     "controller": (f"{PARTS}:checked_controller", "smsid.cli.control:document_parts"),
+    "control_study": (READ_JSON, "smsid.cli.control:study_parts"),
     "campaign": (f"{PARTS}:campaign_of", f"{PARTS}:campaign_parts"),
     "campaign_summary": ("smsid.campaign.summary:load_summary", f"{PARTS}:summary_parts"),
     "campaign_plan": ("smsid.campaign:load_campaign", f"{PARTS}:plan_parts"),
@@ -85,6 +86,8 @@ def _kind_of_json(path: Path) -> str:
     kind = document.get("kind")
     if kind in SHOWN:
         return str(kind)
+    if kind is None and {"rows", "orderings", "improvements"} <= set(document):
+        return "control_study"  # those of earlier versions do not say what they are
     what = f"says that it is a '{kind}'" if kind else "does not say what it is"
     raise SmsidError(
         f"'{path}' {what}.",

@@ -1,4 +1,4 @@
-"""Commands from end to end that take a while: a diagnosis with its report."""
+"""Commands from end to end that take a while: a diagnosis with its report, the study of Table 4."""
 
 from __future__ import annotations
 
@@ -80,3 +80,23 @@ def test_a_diagnosis_that_succeeds_leaves_its_report(verdict, seconds, urdf, est
     assert abs(parameter["value"] - VISCOUS) < 4.0 * parameter["sigma"]
     found = load_description(extended).get_effect(parameter["name"].partition(".")[0])
     assert isinstance(found, JointFriction) and found.viscous == pytest.approx(parameter["value"])
+
+
+@pytest.mark.slow
+def test_the_study_of_table_4_leaves_its_report(urdf, tmp_path, call):
+    """Every case of the paper flown once with each controller, on an estimate of both experiments."""
+    flights, estimate = [tmp_path / "exp1.nc", tmp_path / "exp2.nc"], tmp_path / "estimate.json"
+    for flight in flights:
+        assert call("simulate", urdf / "paper_sms.toml", flight.stem, "-o", flight)[0] == 0
+    assert call("identify", urdf / "paper_sms.toml", *flights, "--method", "paper", "-o", estimate)[0] == 0
+    words = ["control", urdf / "paper_sms.toml", estimate, "--study", "table4", "--draws", "1", "--json"]
+    code, told = call(*words, "-o", tmp_path / "table4.json", "--report", tmp_path / "report.html")
+    assert code == 0
+    study = json.loads(told)["study"]
+    assert study == json.loads((tmp_path / "table4.json").read_text())
+    assert study["case_D"] == "the estimate's model"
+    assert len(study["rows"]) == 14 and {r["draws"] for r in study["rows"]} == {1}
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert len(text) < LARGEST
+    page = check_page(text, {"errors-base", "errors-joints", "orderings", "improvements", "provenance"})
+    assert any("estimate.json" in t for texts in page.texts.values() for t in texts)

@@ -1,9 +1,6 @@
-"""Table 4: cases, summaries, orderings; and the command that designs controllers."""
+"""The study of Table 4: cases, summaries, orderings, the command."""
 
 from __future__ import annotations
-
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,12 +13,10 @@ from smsid.control.reduced import ReducedDynamics, perturbed
 from smsid.description import load_description
 from smsid.errors import ControlError
 from smsid.model import SpacecraftModel, build_model
+from smsid.paper import table4_study
+from smsid.paper.table4 import Run, Study, Variant, cases
+from smsid.paper.table4_study import improvements, orderings, summarise
 from smsid.paths import urdf_folder
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-from _table4 import Run, Study, Variant, cases
-from _table4_study import improvements, orderings, summarise
 
 URDF = urdf_folder()
 APP = typer.Typer()
@@ -107,6 +102,18 @@ def test_case_d_flies_with_the_models_given():
     assert study.fly(cases()[0], "pd", 2).joints == pytest.approx(good.joints, rel=1e-9)
 
 
+def test_a_study_flies_at_the_rate_and_with_the_sensors_asked_for(monkeypatch):
+    monkeypatch.setattr(table4_study, "cases", lambda: cases()[:1])
+    d = load_description(URDF / "paper_sms.toml")
+    heard: list[str] = []
+    asked = {"rate": 25.0, "crossover": 8.0, "integrated_gyro": True}
+    found = table4_study.fly_study(d, None, 1, tell=heard.append, **asked)
+    assert (found["rate"], found["crossover"], found["sensors"]) == (25.0, 8.0, "integrated gyro")
+    assert len(heard) == 2 and [r["controller"] for r in found["rows"]] == ["pd", "hinf"]
+    assert found["rows"][1]["e_base"]["median"] < 1e-5  # with the described attitude noise it is above 3e-5
+    assert len(table4_study.study_cells(found)) == 2
+
+
 def invoke(*arguments: str):
     return CliRunner().invoke(APP, [str(a) for a in arguments])
 
@@ -118,6 +125,8 @@ def invoke(*arguments: str):
         (("--uncertainty", "0.05", "--gains", "4"), "no pair of gains"),
         (("--uncertainty", "0.05", "--gains", "4,-4"), "K_D is not positive definite"),
         (("--tune", "--uncertainty", "0.05"), "no estimate is given"),
+        (("--study", "table5"), "no study 'table5'"),
+        (("--study", "table4", "--draws", "0"), "0 draws"),
     ],
 )
 def test_the_command_refuses_bad_input(arguments, words):

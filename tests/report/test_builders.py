@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from smsid.campaign.summary import summarise
 from smsid.control.robustness import Robustness
 from smsid.diagnose import Alias, ChannelGain, Diagnosed, Diagnosis, FoundCause, Gain, Limit, Remaining, Value
 from smsid.identify.estimate import Estimate, classify
+from smsid.paper.table4_report import study_report
 from smsid.report import render
 from smsid.report.campaign import campaign_report, normalised_errors
 from smsid.report.control import _robust
@@ -203,6 +205,34 @@ def test_a_campaign_without_results_is_no_verdict(origin):
     text = render(report)
     assert report.tone == "neutral" and "&lt;m&gt;" in text
     check_page(text, {"failures"})
+
+
+def test_the_study_of_table_4_stands_beside_the_paper(origin):
+    def row(case: str, controller: str, e: float) -> dict:
+        found = {"median": e, "interval": [0.9 * e, 1.1 * e]}
+        return {
+            "case": case, "note": "5 %", "K_P": 4.0, "K_D": 4.0, "controller": controller, "draws": 5,
+            "runs_at_a_limit": 0, "e_base": found, "e_joints": found, "e_base_paper": 2 * e,
+        }  # fmt: skip
+
+    claim = {"share": 1.0, "median_ratio": 0.5, "verdict": "holds"}
+    study = {
+        "case_D": "the estimate's model",
+        "rows": [row("D", "pd", 1e-4), row("C", "hinf", 2e-4)],
+        "orderings": [{"smaller": "D pd", "larger": "C pd", "e_base": claim, "e_joints": claim}],
+        "improvements": [
+            {"controller": "pd", "against": "B", "lower_percent": [1.0, 2.0], "paper": (3.0, 4.0)}
+        ],
+    }
+    report = study_report(json.loads(json.dumps(study)), "craft", origin)
+    check_page(render(report), {"errors-base", "errors-joints", "orderings", "improvements"})
+    assert report.tone == "good" and "2 hold" in report.verdict
+    for e in ("e_base", "e_joints"):
+        study["orderings"][0][e] = {**claim, "verdict": "undecided"}
+    undecided = study_report(study, "craft", origin)
+    assert undecided.tone == "neutral" and "More draws decide" in undecided.verdict
+    mark, paper = report.sections[0].parts[0].body.rows[0].items
+    assert (mark.low, mark.value, mark.high, paper.value) == pytest.approx((9e-5, 1e-4, 1.1e-4, 2e-4))
 
 
 def test_the_worst_parameters_stand_to_either_side():
