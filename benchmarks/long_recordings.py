@@ -3,13 +3,13 @@
     python benchmarks/long_recordings.py 10000 100000 1000000
     python benchmarks/long_recordings.py 10000 100000 --method ml
 
-Each length is flown and written to a file first; then a process of its own reads it and identifies, of which
-the CPU time and the largest resident memory are taken. One that only imports is the offset. Lengths measured
-before are kept. Of the default method, which starts from the paper's, the seconds of the refinement are told
-too. The rigid spacecraft (no slosh, no panel) goes to and fro along one free-floating motion of 80 s. What
-floats at zero momentum follows the same path at any pace, so this is exact however long it lasts. Noise is that
-of preset `reference`. Errors of the estimate are given in standard deviations, and should be of size one.
-Nothing moves above 0.3 Hz: the motion is low-passed at 1 Hz and taken at 5 Hz.
+Each length is flown and written to a file first; then a process of its own reads it and identifies, of
+which the CPU time and the largest resident memory are taken. One that only imports is the offset. Lengths
+measured before are kept. Of the default method, which starts from the paper's, the seconds of the
+refinement are told too. The rigid spacecraft (no slosh, no panel) goes to and fro along one free-floating
+motion of 80 s. What floats at zero momentum follows the same path at any pace, so this is exact however
+long it lasts. Noise is that of preset `reference`. Errors of the estimate are given in standard deviations,
+and should be of size one. Nothing moves above 0.3 Hz: the motion is low-passed at 1 Hz and taken at 5 Hz.
 """
 
 from __future__ import annotations
