@@ -30,9 +30,13 @@ def description(tmp_path_factory):
 @pytest.fixture(scope="module")
 def grasped():
     """A flight in which a body that turns with the satellite is grasped at 40 s: its inertia comes on top."""
-    before = RIGID.fly(AT, mean_over_step, step=STEP)
-    heavier = replace(RIGID, inertia=tuple(map(tuple, np.array(RIGID.inertia) + GRASPED)))
-    after = heavier.fly(25.0, lambda t: mean_over_step(t + AT), step=STEP, start=before[1][-1, :24])
+    return with_body(AT, 1.0)
+
+
+def with_body(at, share):
+    before = RIGID.fly(at, mean_over_step, step=STEP)
+    heavier = replace(RIGID, inertia=tuple(map(tuple, np.array(RIGID.inertia) + share * GRASPED)))
+    after = heavier.fly(25.0, lambda t: mean_over_step(t + at), step=STEP, start=before[1][-1, :24])
     flown = tuple(np.concatenate([a, b[1:]]) for a, b in zip(before, after, strict=True))
     times = np.arange(len(flown[0])) * STEP
     found = recorded(RIGID, (times, *flown[1:]), np.random.default_rng(3), without=("gyro.acceleration",))
@@ -70,6 +74,15 @@ def test_the_size_of_a_jump_is_within_its_interval(description, grasped):
     off = (change.jumps - true) / change.sigmas
     assert np.abs(off).max() < 4.0 and np.sqrt(np.mean(off**2)) < 2.0, off
     assert np.abs(change.jumps - true).max() < 0.05 * GRASPED.max()
+
+
+def test_a_jump_is_timed_to_a_sample_however_the_telemetry_comes(description):
+    """One sample on the wrong side of so large a jump moves parameters by many standard deviations."""
+    at = 40.7  # between two starts
+    (change,) = watched(description, with_body(at, 10.0)).changes
+    assert abs(change.began - at) < 0.11
+    off = (change.jumps - 10.0 * GRASPED[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]) / change.sigmas
+    assert np.abs(off).max() < 4.0 and np.sqrt(np.mean(off**2)) < 2.0, off
 
 
 def test_a_gyro_that_jumps_is_named(description):
