@@ -169,10 +169,13 @@ class Assembly:
 
         Raises `DescriptionError` if the name is taken, or there is no such frame.
         """
-        if self.model.existJointName(name):
-            raise DescriptionError(f"Two joints are named '{name}'.", advice="Rename the effect or wheel.")
         parent, offset = self.frame(frame)
-        index = self.model.addJoint(parent, joint, offset * placement, name)
+        if not self.model.existJointName(name):
+            index = self.model.addJoint(parent, joint, offset * placement, name)
+        elif self.model.existFrame(name, pin.FrameType.JOINT):
+            raise DescriptionError(f"Two joints are named '{name}'.", advice="Rename the effect or wheel.")
+        else:  # the model has room for it (`smsid.model.joint_order`)
+            index = self.model.getJointId(name)
         self.model.addJointFrame(index)
         return index
 

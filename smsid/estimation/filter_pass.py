@@ -57,7 +57,7 @@ class Applied:
         push_at: np.ndarray | None = None,
         push_middle: np.ndarray | None = None,
     ) -> Drive:
-        """Return what a pass takes: with unknown inputs that act on ``acts`` (k,), their ``walk`` (k,) and
+        """Return what a pass takes: with unknown inputs that act on ``acts`` (k,), their ``walk`` (3, k) and
         the ``noise`` (nv,) of what is held, all variances; forces change with parameters by ``push_at``
         (n, d, nv) at samples and by ``push_middle`` (N, d, nv) between them.
         """
@@ -365,11 +365,12 @@ def correction(
 def walked(moved: np.ndarray, grown: np.ndarray) -> np.ndarray:
     """Return the covariance (x + k, x + k) that random walks of unknown inputs give a state and themselves.
 
-    ``moved`` (x, k) is what a mean of one does to the state in an interval, ``grown`` (k,) by how much their
-    variances grow in it. The mean of a walk has a third of what its end has, and half of it in common.
+    ``moved`` (x, k) is what a mean of one does to the state in an interval, ``grown`` (3, k) by how much
+    variances grow in it, as in `smsid.estimation.problem.walks_of`.
     """
-    across = 0.5 * moved * grown
-    return np.block([[(moved * (grown / 3.0)) @ moved.T, across], [across.T, np.diag(grown)]])
+    end, common, mean = grown
+    across = moved * common
+    return np.block([[(moved * mean) @ moved.T, across], [across.T, np.diag(end)]])
 
 
 def shift(pin_model: pin.Model, parameters: Parameters | None, state: State, step: np.ndarray) -> None:

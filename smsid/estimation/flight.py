@@ -235,7 +235,8 @@ def _unknown_torques(
             commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
             size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
         walk = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval)
-        found += [UnknownInput(int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])) for i in free]
+        sizes = zip(group.v[free].tolist(), (UNKNOWN * size)[free].tolist(), walk[free].tolist(), strict=True)
+        found += [UnknownInput(*own, motor=torque in inputs) for own in sizes]
     return found
 
 

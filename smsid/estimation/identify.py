@@ -96,7 +96,7 @@ def identify_spacecraft(
             if error.evidence.get("marginal"):  # the filter keeps what is clear, and marks the rest
                 reason = f"the paper's method cannot separate all that is there: {error.message}"
             elif error.evidence.get("other_flight"):
-                reason = f"the recordings are not the paper's experiments: {error.message}"
+                reason = f"the paper's method does not apply: {error.message}"
             else:  # they are bad, not of another kind
                 raise _with_wrong_columns(error, description, recordings) from None
     if tell is not None:

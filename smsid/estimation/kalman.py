@@ -15,6 +15,7 @@ from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, uneven
 from smsid.estimation.problem import (
     Problem,
     recordings_of,
+    walks_of,
 )
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel.filter_arrays import Samples, State
@@ -61,7 +62,8 @@ class KalmanFilter:
 
     ``q`` (nq,), ``v`` (nv,), the ``unknown`` inputs (k,) and ``covariance`` (2 nv + k, 2 nv + k) are what is
     believed of the state at the next sample before it is read. ``input_noise`` (nv,) is the variance of
-    inputs held over a sample, ``walk`` (k,) that of the unknown inputs per second. Not to be shared between
+    inputs held over a sample, ``walk`` (3, k) that of the unknown inputs per
+    second (`walks_of`). Not to be shared between
     threads.
     """
 
@@ -80,7 +82,7 @@ class KalmanFilter:
         unknown = problem.unknown_inputs
         self.unknown = np.zeros(len(unknown))
         self._unknown_at = np.array([u.dof for u in unknown], dtype=int)
-        self.walk = np.array([u.walk**2 for u in unknown])
+        self.walk = walks_of(unknown, problem.timing)
         start = np.diag([u.sigma**2 for u in unknown])
         self.covariance: np.ndarray = np.asarray(block_diag(covariance, start))
         self._readable = _readable(problem)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -56,12 +57,26 @@ class UnknownInput:
     """A generalised force that nobody recorded, estimated with the state: a random walk.
 
     ``dof`` is where it acts, an index in v; ``sigma`` its standard deviation at the first sample [N, N m],
-    ``walk`` by how much it wanders [N/sqrt(s), N m/sqrt(s)]. It comes on top of what was commanded.
+    ``walk`` by how much it wanders [N/sqrt(s), N m/sqrt(s)]. It comes on top of what was commanded. That
+    of a ``motor`` whose command is recorded is held between samples where commands are.
     """
 
     dof: int
     sigma: float
     walk: float
+    motor: bool = False
+
+
+def walks_of(inputs: Sequence[UnknownInput], timing: Timing) -> np.ndarray:
+    """Return what random walks of unknown inputs add in a second (3, k): to the variance of each, to what
+    that has in common with its mean over the interval, and to the variance of the mean.
+
+    The mean of a walk in continuous time has a third of what its end has, and half of it in common. What is
+    held jumps at the samples: where accelerations are those just before a jump, when the interval begins.
+    """
+    held = {"left": (1.0, 1.0, 1.0), "right": (1.0, 0.0, 0.0)}[timing.side]
+    shares = [held if u.motor and timing.hold == "held" else (1.0, 1.0 / 2.0, 1.0 / 3.0) for u in inputs]
+    return np.ascontiguousarray(np.array(shares).reshape(-1, 3).T) * np.array([u.walk**2 for u in inputs])
 
 
 @dataclass(frozen=True)

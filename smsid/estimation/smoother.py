@@ -66,7 +66,8 @@ def predicted_covariances(
     """Return the covariances (N, x, x) of the predictions, which a run does not keep.
 
     ``first`` (x, x) is that at the first sample, ``variance`` (rows,) that of readings, ``input_noise`` (nv,)
-    that of inputs over a sample, ``walk`` (k,) by how much the unknown inputs' variance grows in a second.
+    that of inputs over a sample, ``walk`` (3, k) by how much the unknown inputs' variance grows in a second
+    (`walks_of`).
     Joseph's form, in which rounding dies out: the gains are the run's own.
     """
     n, width = len(run.gain), first.shape[0]
@@ -82,8 +83,9 @@ def predicted_covariances(
         p = left @ p @ left.T + (gain * variance[there]) @ gain.T
         b = run.forcing[k] @ run.middle_inverse[k]
         p = run.transition[k] @ p @ run.transition[k].T + (b * input_noise) @ b.T
-        if len(walk):
-            moved = run.transition[k][: width - len(walk), width - len(walk) :]
+        if walk.size:
+            inner = width - walk.shape[1]
+            moved = run.transition[k][:inner, inner:]
             p += walked(moved, walk * (run.edges[k + 1] - run.edges[k]))
         p = 0.5 * (p + p.T)
     return out

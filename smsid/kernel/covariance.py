@@ -161,9 +161,10 @@ def transition(h, v, by_q, by_v, free, out, forcing):
 def spread(p, change, forcing, inverse, noise, walk, rates, h):
     """Take the covariance (x, x) on through a transition (x, x) of h [s].
 
-    The first 2 nv rows of ``forcing`` (x, nv) take accelerations there; ``noise`` (nv,) is that of forces.
+    The first 2 nv rows of ``forcing`` (x, nv) take accelerations there; ``noise`` (nv,) is that of forces,
+    ``walk`` (3, k) that of unknown inputs (`smsid.estimation.problem.walks_of`).
     """
-    nv, width, acts = len(noise), len(p), len(walk)
+    nv, width, acts = len(noise), len(p), walk.shape[1]
     inner = 2 * nv
     carried, back = np.empty((inner, width)), np.empty((width, inner))
     multiply(change[:inner], p, carried)
@@ -182,15 +183,14 @@ def spread(p, change, forcing, inverse, noise, walk, rates, h):
         for c in range(inner, width):
             p[r, c] = carried[r, c]
             p[c, r] = carried[r, c]
-    # the mean of a random walk over h has a third of its end's variance, and half of it in common
     for i in range(acts):
-        own, grown = inner + i, walk[i] * h
-        p[own, own] += grown
+        own, end, common, mean = inner + i, walk[0, i] * h, walk[1, i] * h, walk[2, i] * h
+        p[own, own] += end
         for r in range(inner):
-            p[r, own] += 0.5 * grown * change[r, own]
+            p[r, own] += common * change[r, own]
             p[own, r] = p[r, own]
             for c in range(inner):
-                p[r, c] += grown / 3.0 * change[r, own] * change[c, own]
+                p[r, c] += mean * change[r, own] * change[c, own]
     for i in range(len(rates)):
         p[inner + acts + i, inner + acts + i] += rates[i] * h
     symmetrise(p)

@@ -52,7 +52,7 @@ class Model(NamedTuple):
 class Drive(NamedTuple):
     """Applied forces: at samples (n, nv), in the middle and over substeps between them (N, nv), (N, s, nv),
     their half rises; just before and after samples (n, nv); by how much they change with parameters
-    (n, d, nv), (N, d, nv). Unknown inputs act on ``acts`` (k,) and wander by ``walk`` (k,) a second;
+    (n, d, nv), (N, d, nv). Unknown inputs act on ``acts`` (k,) and wander by ``walk`` (3, k) a second;
     ``noise`` (nv,) is the variance of what is held.
     """
 

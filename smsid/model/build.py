@@ -19,6 +19,7 @@ from smsid.effects.inertial_parameters import matrix_to_parameters
 from smsid.errors import DescriptionError
 from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
+from smsid.model.joint_order import is_depth_first, with_room_for
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.spacecraft import (
     JointGroup,
@@ -88,21 +89,16 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
     for arm in d.arm:
         if arm.mounted and arm.inertias == "trusted":
             trusted |= set(source.mounted[arm.name])
-    model = (source.wheeled or source.pin).copy()
-    model.gravity.linear = np.asarray(d.gravity)
-
-    thrusters = tuple(t.name for t in d.thruster)
-    assembly = Assembly(model, base=1 if free else 0, trusted=frozenset(trusted), thrusters=thrusters)
-    wheels = list(source.wheels)
     if source.wheeled is None:
-        for wheel in d.wheel:
-            with _placed("wheel", wheel.name):
-                wheels.append(_add_wheel(assembly, wheel))
-        source = replace(source, wheeled=model.copy(), wheels=tuple(wheels))
-    assembly.described = [i.toDynamicParameters() for i in model.inertias]
-    for effect in d.effect:
-        with _placed("effect", effect.name):
-            assembly.attach(effect)
+        source = _wheeled(d, source, frozenset(trusted))
+    assembly = _with_effects(d, _copied(d, source), frozenset(trusted))
+    if not is_depth_first(assembly.model):
+        room = with_room_for(_copied(d, source), assembly.model)
+        assembly = _with_effects(d, room, frozenset(trusted))
+    model = assembly.model
+    wheels = [model.getJointId(name) for name in source.wheels]
+    for geometry in visual.geometryObjects if visual is not None else ():
+        geometry.parentJoint = model.frames[geometry.parentFrame].parentJoint
 
     arms = _arms(assembly, d, source)
     all_joints = JointGroup.of(model, [int(j) for group in arms.values() for j in group.joints])
@@ -143,6 +139,38 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
         source=source,
         followers=followers,
     )
+
+
+def _wheeled(d: Description, source: Source, trusted: frozenset[str]) -> Source:
+    """Return what is loaded with the wheels of the description on it."""
+    assembly = Assembly(source.pin.copy(), base=1 if d.root == "free" else 0, trusted=trusted)
+    joints = []
+    for wheel in d.wheel:
+        with _placed("wheel", wheel.name):
+            joints.append(_add_wheel(assembly, wheel))
+    names = tuple(assembly.model.names[j] for j in joints)
+    return replace(source, wheeled=assembly.model, wheels=names)
+
+
+def _copied(d: Description, source: Source) -> pin.Model:
+    model = (source.wheeled or source.pin).copy()
+    model.gravity.linear = np.asarray(d.gravity)
+    return model
+
+
+def _with_effects(d: Description, model: pin.Model, trusted: frozenset[str]) -> Assembly:
+    """Return the model, which may have room for them already, with the effects of the description."""
+    assembly = Assembly(
+        model,
+        base=1 if d.root == "free" else 0,
+        trusted=trusted,
+        thrusters=tuple(t.name for t in d.thruster),
+        described=[i.toDynamicParameters() for i in model.inertias],
+    )
+    for effect in d.effect:
+        with _placed("effect", effect.name):
+            assembly.attach(effect)
+    return assembly
 
 
 @contextmanager

@@ -72,15 +72,15 @@ class SloshJoint:
 class Source:
     """What was loaded for a model, before effects: for `smsid.model.rebuild`.
 
-    ``wheeled`` is ``pin`` with the wheels of the description; ``losses`` are viscous and Coulomb friction by
-    joint, ``mimics`` the joints that follow another, as the URDFs have them.
+    ``wheeled`` is ``pin`` with the wheels of the description, whose joints are ``wheels``; ``losses`` are
+    viscous and Coulomb friction by joint, ``mimics`` the joints that follow another, as the URDFs have them.
     """
 
     pin: pin.Model
     own_joints: tuple[str, ...]
     mounted: dict[str, tuple[str, ...]]
     wheeled: pin.Model | None = None
-    wheels: tuple[int, ...] = ()
+    wheels: tuple[str, ...] = ()
     losses: dict[str, tuple[float, float]] = field(default_factory=dict)
     mimics: dict[str, Mimic] = field(default_factory=dict)
 

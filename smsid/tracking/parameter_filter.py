@@ -13,7 +13,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.filter_pass import filter_samples, reference, shift
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Belief, UnknownInput
+from smsid.estimation.problem import Belief, Timing, UnknownInput, walks_of
 from smsid.kernel.filter_arrays import Drive, Record, Samples, State
 from smsid.simulate import Inputs
 from smsid.tracking.followed_parameters import Followed
@@ -42,6 +42,7 @@ class ParameterFilter:
     layout: Measured
     locked: np.ndarray
     unknown_inputs: Sequence[UnknownInput]
+    timing: Timing
     input_noise: np.ndarray
     time: float
     q: np.ndarray
@@ -57,7 +58,7 @@ class ParameterFilter:
         self._unknowns = tuple(f.unknown for f in self.followed)
         self.scales = np.array([u.scale for u in self._unknowns])
         self._rates = np.array([f.rate for f in self.followed]) / self.scales
-        walk = np.array([u.walk**2 for u in self.unknown_inputs])
+        walk = walks_of(self.unknown_inputs, self.timing)
         self.inputs = np.array([u.dof for u in self.unknown_inputs], dtype=int), walk, self.input_noise
         self._variance = self.layout.sigma**2
         self._bends = np.array([u.kind != "bias" for u in self._unknowns])

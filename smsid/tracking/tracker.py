@@ -93,12 +93,11 @@ class Tracker:
         m, k = len(scales), len(setting.unknown_inputs)
         covariance = np.zeros((2 * model.nv + k + m,) * 2)
         covariance[-m:, -m:] = start.covariance / np.outer(scales, scales)
-        problem = Problem(
-            _NOTHING, layout, locked, Timing(), setting.noise, unknown_inputs=setting.unknown_inputs
-        )
+        timing, unknown = Timing(setting.hold), setting.unknown_inputs
+        problem = Problem(_NOTHING, layout, locked, timing, setting.noise, unknown_inputs=unknown)
         noise, home = _input_covariance(model, problem), model.home.copy()
         self.filter = ParameterFilter(
-            origin, start.followed, layout, locked, setting.unknown_inputs, noise, -np.inf, home,
+            origin, start.followed, layout, locked, unknown, timing, noise, -np.inf, home,
             np.zeros(model.nv), np.zeros(k), start.mean.copy(), covariance,
         )  # fmt: skip
         self.log = EventLog()

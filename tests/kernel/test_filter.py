@@ -76,7 +76,7 @@ def forces(model, moves, rng):
         0.3 * rng.standard_normal(model.nv),
     )
     acts = np.array([0, model.nv - 1])
-    return own, (acts, np.array([1e-3, 2e-3]), np.full(model.nv, 1e-4))
+    return own, (acts, np.array([[1e-3, 2e-3], [4e-4, 0.0], [3e-4, 2e-3]]), np.full(model.nv, 1e-4))
 
 
 def read(outputs, q, v, a, rng):
@@ -131,11 +131,10 @@ def test_a_pass_without_parameters_is_the_plain_one(craft, sensed):
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.3, -1.0, -9.0)])
 @pytest.mark.parametrize("frame", ["bus", "link3"])
 def test_a_pass_with_beams_that_shorten_is_the_plain_one(crafts, frame, gravity):
-    panel = crafts["paper"].description.get_effect("panel").model_copy(update={"frame": frame})
+    described = crafts["paper"].description
+    panel, tank = (described.get_effect(n).model_copy(update={"frame": frame}) for n in ("panel", "tank"))
     softening = GeometricStiffness(name="softening", appendage="panel", factor=0.9)
-    # Pinocchio's derivatives want what a link carries to come right after it
-    alone = {"gravity": gravity, "effect": (panel, softening), "wheel": ()}
-    description = crafts["paper"].description.model_copy(update=alone)
+    description = described.model_copy(update={"gravity": gravity, "effect": (tank, panel, softening)})
     assert_passes_are_the_same(build_model(description), with_errors(description, SENSED["late"]))
 
 

@@ -87,12 +87,14 @@ def check_on_bus(model: SpacecraftModel) -> None:
                 + ("has springs turned from the bus axes." if turned else "sits on a moving link."),
                 advice="The paper's method needs tanks on the bus with springs along its axes; use maximum "
                 "likelihood.",
+                other_flight=True,
             )
     for appendage in model.appendages:
         if appendage.parent != 1:
             raise NotIdentifiableError(
                 f"Appendage '{appendage.appendage.name}' sits on a moving link.",
                 advice="The paper's method needs appendages on the bus; use maximum likelihood.",
+                other_flight=True,
             )
 
 

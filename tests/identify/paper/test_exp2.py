@@ -218,12 +218,14 @@ def test_a_tank_on_a_moving_link_is_refused(twin_flight):
     moved = Slosh(
         name="tank", frame="link2", position=(0, 0, 0), mass=49.6, stiffness=(0.41,) * 3, damping=(0.02,) * 3
     )
-    with pytest.raises(NotIdentifiableError, match="Tank 'tank' sits on a moving link"):
+    with pytest.raises(NotIdentifiableError, match="Tank 'tank' sits on a moving link") as refused:
         identify_momentum(build_model(d.with_effects(moved)), twin_flight, M)
+    assert refused.value.evidence["other_flight"]  # `identify` takes the filter
 
 
 def test_an_appendage_on_a_moving_link_is_refused(twin_flight):
     d = paper()
     panel = d.get_effect("panel").model_copy(update={"frame": "link2", "thickness": 1e-4})
-    with pytest.raises(NotIdentifiableError, match="Appendage 'panel' sits on a moving link"):
+    with pytest.raises(NotIdentifiableError, match="Appendage 'panel' sits on a moving link") as refused:
         identify_momentum(build_model(d.with_effects(panel)), twin_flight, M)
+    assert refused.value.evidence["other_flight"]
