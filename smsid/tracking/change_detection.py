@@ -176,14 +176,13 @@ class ChangeDetector:
         return None
 
     def rescue(self) -> bool:
-        """Take in what changed, as the motion is lost; return whether there was something."""
+        """Take in what changed, as the motion is lost; return whether that explains what was read."""
         if self._found is not None or not (self._starts and self._runs.passes):
             return False
         found = self._taken_in(self._last if self._alarm is None else self._alarm, max(1.0, self._size))
-        if not np.isfinite(found.run.likely):
-            return False
-        self._tell(found)
-        return True
+        if found.run.left <= UNEXPLAINED:
+            self._tell(found)
+        return found.run.left <= UNEXPLAINED
 
     def _tell(self, found: _Found) -> Change:
         """Let the filter go on with a change, and remember it."""
