@@ -172,7 +172,7 @@ class JumpRuns:
                         if not can_exist(g.at):
                             return None
                 if g.at.drives and opened:  # commands act otherwise after the jump
-                    drive = g.drive(*commanded, edges, drive.before[0])
+                    drive = g.drive(commanded[0], commanded[1], edges, drive.before[0])
                 if opened and fresh:  # at any time in this step: the motion is uncertain by that
                     fresh, moved = False, np.zeros(len(g.covariance))
                     moved[g.parameters.start + index] = jump / g.scales[index]

@@ -175,7 +175,7 @@ class ParameterFilter:
         change, score, information = np.eye(len(self.covariance))[:, :n], np.zeros(n), np.zeros((n, n))
         for edges, drive, values, attitudes, commanded in passes:
             if self.at.drives:
-                drive = self.drive(*commanded, edges, drive.before[0])
+                drive = self.drive(commanded[0], commanded[1], edges, drive.before[0])
             record = self.go_on(edges, drive, values, attitudes)
             for k, there in enumerate(np.isfinite(values).any(axis=1)):
                 if k:
