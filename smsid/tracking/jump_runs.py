@@ -71,7 +71,8 @@ class JumpRuns:
     def found_anew(
         self, base: Start, index: np.ndarray, point: np.ndarray, first: float, alarm: float
     ) -> Rerun | None:
-        """Return the likeliest run of a jump at any time from ``first`` to the alarm [s].
+        """Return the likeliest run of a jump of parameters ``index`` (k,), from a first ``point`` (k,) on, at
+        any time from ``first`` to the alarm [s].
 
         Its size is measured first by what is read after the alarm, when it was there in any case, and before
         that by models that follow what is believed: in a short while it shows almost linearly.
@@ -88,7 +89,7 @@ class JumpRuns:
         return None if best is None else self.refined(base, index, best, 0.25 * self.every)
 
     def refined(self, start: Start, index: np.ndarray, best: Rerun, grid: float) -> Rerun:
-        """Return the likeliest run within ``grid`` [s] of a run's onset: times and sizes in turn."""
+        """Return the likeliest run of a group (k,) within ``grid`` [s] of a run's onset: times, then sizes."""
         for _ in range(ROUNDS):
             before, best = best, self._at_onset(start, index, best, grid)
             if best.onset == before.onset:
@@ -122,8 +123,8 @@ class JumpRuns:
     def iterated(
         self, start: Start, index: np.ndarray, point: np.ndarray, onset: float, opening: float = -np.inf
     ) -> Rerun | None:
-        """Return the likeliest of runs, each about the point (k,) at which the one before ended, or half of
-        the way to it where that was no better: Gauss and Newton's steps, damped.
+        """Return the likeliest of runs of parameters ``index`` (k,), each about the point (k,) where the one
+        before ended, or half of the way to it where that was no better: Gauss and Newton's steps, damped.
         """
         best, last = None, start.before.values[index]
         for _ in range(ITERATIONS):
