@@ -167,7 +167,8 @@ def cases() -> Iterator[Case]:
     yield Case("wheels exchanged", "craft", {"exp2": on(wheels, swapped)}, ("wheel_x", "exchange"))
     gyro = ("imu.angular_rate",)
     yield Case("gyro's axes exchanged", "craft", {"exp2": on(gyro, swapped)}, ("imu.angular_rate",))
-    yield Case("force's axes exchanged", "craft", {"exp1": on(force, swapped)}, ("command.force",))
+    # the same on all axes there: nothing is wrong
+    yield Case("force's axes exchanged", "craft", {"exp1": on(force, swapped)}, (), harmless=True)
     panel = ("panel.acceleration",)
     axes = on(panel, lambda x: x[..., [1, 0, 2]])
     yield Case("panel's axes exchanged", "craft", dict.fromkeys(CRAFT, axes), ("panel.acceleration",))
@@ -289,7 +290,8 @@ def row_of(case: Case, flights: Flights) -> dict[str, Any]:
     row: dict[str, Any] = {"case": case.name, "exit": code}
     if code:
         text = " ".join(said.split())
-        row |= {"outcome": "refused", "says": text[-600:], "names": all(w in text for w in case.words)}
+        named = all(w.lower() in text.lower() for w in case.words)
+        row |= {"outcome": "refused", "says": text[-600:], "names": named}
     else:
         row |= judged(case, load_estimate(out), flights)
     return row | {"seconds": round(time.process_time() - began, 1)}
@@ -315,7 +317,7 @@ def judged(case: Case, found, flights: Flights) -> dict[str, Any]:
         "off_in_sigma": {worst: round(off[worst], 2)} if worst else {},
         "identifiable": len(off),
         "of": len(found.parameters),
-        "names": all(w in text for w in case.words),
+        "names": all(w.lower() in text.lower() for w in case.words),
         "says": [n[:400] for n in notes[:4]],
     }
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from smsid.estimation.contradictions import Contradiction, Part, contradictions_of
 from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
-from smsid.estimation.prior_conflict import PriorConflict, conflict_of
+from smsid.estimation.prior_conflict import PriorConflict, conflict_of, has_mass
 from smsid.likelihood.channels import described_sigma
 from smsid.likelihood.normal import normal_at
 from smsid.likelihood.point import Evaluation, Point
@@ -45,7 +45,10 @@ def batch_conflict(refinement: Refinement) -> PriorConflict | None:
     off, jacobian = refinement.prior.residual(at)
     rate = np.diag(jacobian)
     information, _ = normal.of_common(at.size)
-    return conflict_of(off, information / np.outer(rate, rate), at.names)
+    heavier = refinement.prior.mean / refinement.prior.sigma
+    scalars = [s.reference / s.slope if has_mass(s.unit) else 0.0 for s in at.scalars]
+    heavier = np.concatenate([heavier.ravel(), rate[heavier.size :] * scalars])
+    return conflict_of(off, information / np.outer(rate, rate), at.names, heavier)
 
 
 def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:

@@ -28,6 +28,7 @@ from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.profile_interval import bound_intervals
 from smsid.estimation.scale_conflict import scale_conflict
+from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.unknowns import biases_of, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.combinations import Combination
@@ -235,6 +236,8 @@ def _search(
     if any(a.problem.timing != f.problem.timing for a, f in zip(flights, before, strict=True)):
         found, more = maximise(found.point, unknowns, flights, tell=tell)
         visited += more
+    found, flights, more = finely_stepped(found, flights, tell)
+    visited += more
     if not converged(found) or not derivatives_hold(found, flights):
         found = settled(found, flights, tell=tell)
         visited.append(found)

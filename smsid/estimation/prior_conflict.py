@@ -20,12 +20,14 @@ class PriorConflict:
     """What recordings say against priors: probability of so much by chance, and where it shows.
 
     ``size`` is the root mean square of the difference in what it should be, ``parameters`` are (name,
-    standard deviations of its prior by which it is off), the worst first.
+    standard deviations of its prior by which it is off), the worst first. ``scale``: masses and forces are
+    all so many times what was known, and by how much that may be off; ``None``: that is not what it is.
     """
 
     p_value: float
     size: float
     parameters: tuple[tuple[str, float], ...]
+    scale: tuple[float, float] | None = None
 
     @property
     def sentence(self) -> str:
@@ -34,7 +36,18 @@ class PriorConflict:
         return (
             f"The recordings contradict what was known beforehand (p = {self.p_value:.1g})"
             + (f": {named}" if named else "")
+            + self._as_a_scale
             + ". Check description and priors (`prior`, --cad), or give wider ones."
+        )
+
+    @property
+    def _as_a_scale(self) -> str:
+        if self.scale is None:
+            return ""
+        factor, sigma = self.scale
+        return (
+            f"; masses, inertias and forces are all {factor:.3g} +- {1.96 * sigma:.2g} times what was known, "
+            "as if forces, torques and wheel rates were recorded with that scale"
         )
 
 
@@ -43,25 +56,43 @@ def prior_conflict(found: NormalEquations) -> PriorConflict | None:
     sigma = np.array([u.sigma for u in found.unknowns])
     off = np.array([(found.point.value(u) - u.nominal) for u in found.unknowns]) / sigma
     information = found.information * np.outer(sigma / found.scales, sigma / found.scales)
-    return conflict_of(off, information, [u.name for u in found.unknowns])
+    heavier = np.array([u.nominal if has_mass(u.unit) else 0.0 for u in found.unknowns]) / sigma
+    return conflict_of(off, information, [u.name for u in found.unknowns], heavier)
 
 
-def conflict_of(off: np.ndarray, information: np.ndarray, names: Sequence[str]) -> PriorConflict | None:
+def has_mass(unit: str) -> bool:
+    """Whether a quantity goes with the unit of mass, as forces do: no motion tells its scale by itself."""
+    return "kg" in unit or unit.startswith("N")
+
+
+def conflict_of(
+    off: np.ndarray, information: np.ndarray, names: Sequence[str], heavier: np.ndarray | None = None
+) -> PriorConflict | None:
     """Return the conflict of posterior means ``off`` (m,) from the priors' with what data say (m, m), if any.
 
     All in standard deviations of the priors. Along a direction of which the data's information is L, the
     likelihood is largest at ``off (1 + 1 / L)``, whose variance about the prior's mean is ``1 + 1 / L``:
-    squares of both are chi-squared, over the directions that the data tell more of than the prior.
+    squares of both are chi-squared, over the directions that the data tell more of than the prior. Beside
+    that of all directions there is the test of one, ``heavier`` (m,): all that goes with mass grows together.
     """
     size, basis = np.linalg.eigh(0.5 * (information + information.T))
     told = size > 1.0
     if not told.any():
         return None
-    squares = (basis[:, told].T @ off) ** 2 * (1.0 + 1.0 / size[told])
-    statistic, freedom = float(squares.sum()), int(told.sum())
-    p_value = float(scipy.stats.chi2.sf(statistic, freedom))
+    wider = 1.0 + 1.0 / size[told]
+    seen = basis[:, told].T @ off
+    statistic, freedom = float(seen**2 @ wider), int(told.sum())
+    p_value, worst, scale = float(scipy.stats.chi2.sf(statistic, freedom)), statistic / freedom, None
+    along = np.zeros(freedom) if heavier is None else basis[:, told].T @ heavier
+    if along.any():
+        weight = float(along**2 @ (1.0 / wider))
+        share = float(along @ seen) / weight
+        p_scale = float(scipy.stats.chi2.sf(share**2 * weight, 1))
+        if p_scale < p_value:
+            p_value, worst, scale = p_scale, share**2 * weight, (1.0 + share, weight**-0.5)
+        p_value = min(2.0 * p_value, 1.0)  # the smaller of two
     if p_value >= LEVEL:
         return None
     ranked = sorted(zip(names, off.tolist(), strict=True), key=lambda x: -abs(x[1]))
-    worst = [(name, z) for name, z in ranked[:NAMED] if abs(z) > APART]
-    return PriorConflict(p_value, float(np.sqrt(statistic / freedom)), tuple(worst))
+    named = [(name, z) for name, z in ranked[:NAMED] if abs(z) > APART]
+    return PriorConflict(p_value, float(np.sqrt(worst)), tuple(named), scale)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from smsid.estimation import prior_conflict
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.prior_conflict import conflict_of
 
@@ -30,6 +31,33 @@ def test_truths_of_the_prior_are_no_conflict_and_others_are():
     for _ in range(20):
         conflict = conflict_of(posterior(far, information, rng), information, names)
         assert conflict is not None and conflict.parameters[0][0] == "a" and conflict.size > 2.0
+
+
+def test_false_conflicts_are_as_rare_as_stated(monkeypatch):
+    """At a level of 5 %: two tests, of which the smaller p is doubled, make it 3 to 5 %."""
+    monkeypatch.setattr(prior_conflict, "LEVEL", 0.05)
+    rng = np.random.default_rng(8)
+    rows = rng.standard_normal((40, 12)) * np.geomspace(100.0, 0.1, 12)
+    information, names = rows.T @ rows, list("abcdefghijkl")
+    heavier = 30.0 * rng.random(12)
+    draws = (posterior(rng.standard_normal(12), information, rng) for _ in range(2000))
+    found = sum(conflict_of(x, information, names, heavier) is not None for x in draws)
+    assert 0.02 < found / 2000 < 0.062  # 0.05 and 2.5 standard deviations of the count
+
+
+def test_a_scale_of_everything_is_found_though_no_parameter_is_far_off():
+    """A tenth more of masses known to 5 to 10 %: no test of each by itself is sure of it."""
+    rng = np.random.default_rng(9)
+    rows = rng.standard_normal((60, 30)) * 50.0
+    information, names = rows.T @ rows, [str(i) for i in range(30)]
+    heavier = 1.0 / rng.uniform(0.05, 0.1, 30)
+    for _ in range(20):
+        truth = rng.standard_normal(30) + 0.1 * heavier
+        conflict = conflict_of(posterior(truth, information, rng), information, names, heavier)
+        assert conflict is not None and conflict.scale is not None and conflict.p_value < 1e-6
+        factor, sigma = conflict.scale
+        assert abs(factor - 1.1) < 4.0 * sigma and 0.008 < sigma < 0.02
+        assert "times what was known" in conflict.sentence
 
 
 def test_what_nothing_tells_is_no_conflict():

@@ -200,7 +200,16 @@ def _check_excited(model: SpacecraftModel, recording: Recording, motion: Motion,
     turning = np.delete(motion.wheel_rates, still.wheels, axis=1)
     if np.abs(turning).max(initial=0.0) < STILL:
         raise NotIdentifiableError(
-            f"No wheel turns in '{recording.name}': without a known momentum, inertias are known only up to "
-            "a factor.",
+            f"No wheel turns in '{recording.name}'{_by_wheel_channels(recording)}: without a known momentum, "
+            "inertias are known only up to a factor.",
             advice="Spin the reaction wheels.",
         )
+
+
+def _by_wheel_channels(recording: Recording) -> str:
+    """Return which channel says that wheels stand still, and what speaks against it."""
+    channel = next((c for c in recording.channels if c.endswith(".wheel_rate")), None)
+    told = "" if channel is None else f" by '{channel}'"
+    command = "command.wheel_torque"
+    driven = command in recording and bool(np.any(recording[command]))
+    return told + (f", though '{command}' drives them (is the tachometer stuck?)" if driven else "")

@@ -132,8 +132,11 @@ def fly(**torque) -> Recording:
 def test_still_wheels_are_refused(model):
     moving_arm = fly(joint_torque=5.0)
     quiet = moving_arm.with_channels({"tachometer.wheel_rate": 0.0 * moving_arm["tachometer.wheel_rate"]})
-    with pytest.raises(NotIdentifiableError, match="No wheel turns in 'twin'"):
+    with pytest.raises(NotIdentifiableError, match=r"No wheel turns in 'twin' by 'tachometer\.wheel_rate':"):
         identify_momentum(model, quiet, M)
+    driven = quiet.with_channels({"command.wheel_torque": np.ones_like(quiet["tachometer.wheel_rate"])})
+    with pytest.raises(NotIdentifiableError, match=r"though 'command\.wheel_torque' drives them"):
+        identify_momentum(model, driven, M)
 
 
 def test_still_joints_are_refused(model):
