@@ -89,7 +89,7 @@ class JumpRuns:
         return None if best is None else self.refined(base, index, best, 0.25 * self.every)
 
     def refined(self, start: Start, index: np.ndarray, best: Rerun, grid: float) -> Rerun:
-        """Return the likeliest run of a group (k,) within ``grid`` [s] of a run's onset: times, then sizes."""
+        """Return the likeliest run of a group (k,) within ``grid`` [s] of its onset: times, then sizes."""
         for _ in range(ROUNDS):
             before, best = best, self._at_onset(start, index, best, grid)
             if best.onset == before.onset:
