@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from smsid.estimation.flight import FlightOptions
 from smsid.recording import Recording
 from smsid.tracking import ChangeDetector, Tracker, track_recordings
+from smsid.tracking.jump_runs import JumpRuns, Rerun
 from smsid.tracking.sample import samples_of
 from smsid.tracking.setting import Setting
 from tests.estimation.satellite import recorded
@@ -83,6 +85,22 @@ def test_a_jump_is_timed_to_a_sample_however_the_telemetry_comes(description):
     assert abs(change.began - at) < 0.11
     off = (change.jumps - 2.0 * GRASPED[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]) / change.sigmas
     assert np.abs(off).max() < 4.0 and np.sqrt(np.mean(off**2)) < 2.0, off
+
+
+def test_the_time_of_a_jump_is_sought_to_a_sample():
+    """Also where what is read is explained on the whole: a sample on the wrong side is one of hundreds."""
+    times, true = np.arange(400) * 0.05, 10.15
+
+    class Runs(JumpRuns):
+        def _run(self, start, index, point, onset, opening=-np.inf, follows=False):
+            filtered = SimpleNamespace(values=np.zeros(1))
+            return Rerun(filtered, onset, -1e3 * abs(onset - true), left=1.0)
+
+    runs = Runs(every=1.0)
+    runs.passes.append((times, None, None, None, ()))
+    first = runs._run(None, None, None, 9.0)
+    best = runs._at_onset(SimpleNamespace(time=5.0), np.array([0]), first, 4.0)
+    assert best.onset == pytest.approx(true) and best.grid == pytest.approx(0.05)
 
 
 def test_a_motion_that_a_jump_loses_goes_on_with_it(description, grasped):
