@@ -59,7 +59,8 @@ def tx40(r: dict[str, Any]) -> str:
         "command line: `smsid lab fetch staubli_tx40 -o data` and `smsid identify data/tx40.toml\n"
         "data/tx40.nc data/tx40_validation.nc --cutoff 100`.\n\n"
         + table(["model", "held-out torque error, relative"], rows)
-        + f"\nWanted: below 0.16. One identification takes {seconds['smsid']['median']:.3g} s; "
+        + f"\nWanted: below 0.16. One identification takes {seconds['smsid']['median']:.3g} s "
+        f"at a load of {r['load_average']:g} on {r['environment']['cores']} cores; "
         f"{times} (in one\n"
         "run, taken in turn; both from joint angles and torques to parameters, FIGAROH 1.0.2 without its\n"
         "report). FIGAROH's example has no wrist coupling; the second line gives it those columns.\n\n"

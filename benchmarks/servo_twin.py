@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from _common import ROOT, environment, write_result
 
-from smsid.arm import identify_servos, with_joint_effects, with_servos
+from smsid.arm import identify_servos, with_joint_effects
 from smsid.description import Description
 
 sys.path.insert(0, str(ROOT))
@@ -35,7 +35,7 @@ def main() -> None:
         bare = Description(
             name="two", urdf="two.urdf", folder=folder, root="fixed", gravity=(0.0, 0.0, -9.81)
         )
-        arm = with_servos(with_joint_effects(bare, ("j1", "j2"), *KINDS), ("j1", "j2"))
+        arm = with_joint_effects(bare, ("j1", "j2"), *KINDS, "servo")
         for noise in NOISES:
             scores, widths, begin = [], [], time.process_time()
             for seed in range(SEEDS):

@@ -8,7 +8,7 @@ from smsid.arm.input_checks import JointDoubt, joint_doubts
 from smsid.arm.joint_torques import JointTorques, joint_torques
 from smsid.arm.motion import JointMotion, joint_motion
 from smsid.arm.presets import with_friction_laws, with_joint_effects
-from smsid.arm.servo import ServoIdentification, identify_servos, with_servos
+from smsid.arm.servo import ServoIdentification, identify_servos
 from smsid.arm.smooth_motion import SmoothMotion, smooth_motion
 from smsid.arm.smoothing import SmoothJoint, smooth_joint
 from smsid.arm.torque_calibration import TorqueScale, torque_scales, with_torque_gains
@@ -39,6 +39,5 @@ __all__ = [
     "torque_scales",
     "with_friction_laws",
     "with_joint_effects",
-    "with_servos",
     "with_torque_gains",
 ]

@@ -77,9 +77,8 @@ def friction_shapes(
         own = effect.torque_shapes()
         stated = [f for f in own if getattr(effect, f) != type(effect).model_fields[f].default]
         out += [FrictionShape(effect.name, f, float(getattr(effect, f)), "stated") for f in stated]
-        free = [f for f in own if f not in stated]
-        if free:
-            found = _Search(effect, model, motion, torques, load).found(free)
+        if free := [f for f in own if f not in stated]:
+            found = _likeliest(effect, free, model, motion, torques, load)
             status = "unseen" if found is None else "found"
             values = found or {f: float(getattr(effect, f)) for f in free}
             out += [FrictionShape(effect.name, f, values[f], status) for f in free]
@@ -186,50 +185,44 @@ def shape_notes(shapes: Sequence[FrictionShape]) -> list[str]:
     return notes
 
 
-class _Search:
-    """Looks for the shapes of one effect's friction on a grid, from where Gauss-Newton's rounds go on."""
+def _likeliest(
+    effect: Effect,
+    free: Sequence[str],
+    model: SpacecraftModel,
+    motion: SmoothMotion,
+    torques: JointTorques,
+    load: np.ndarray,
+) -> dict[str, float] | None:
+    """Return the likeliest shapes of an effect's friction on a grid, where Gauss-Newton's rounds begin."""
+    bounds = [shape_bounds(effect, f, model, motion) for f in free]
+    if any(not high > 2.0 * low for low, high in bounds):
+        return None
+    states = joint_states(motion, torques.starts, load)
 
-    def __init__(
-        self,
-        effect: Effect,
-        model: SpacecraftModel,
-        motion: SmoothMotion,
-        torques: JointTorques,
-        load: np.ndarray,
-    ) -> None:
-        self.effect, self.model, self.motion = effect, model, motion
-        self.torques, self.states = torques, joint_states(motion, torques.starts, load)
+    def columns(logs: np.ndarray) -> dict[str, np.ndarray]:
+        shapes = dict(zip(free, np.exp(logs).tolist(), strict=True))
+        return shaped_columns(effect, shapes, model, motion, torques, states)
 
-    def found(self, free: Sequence[str]) -> dict[str, float] | None:
-        bounds = {f: shape_bounds(self.effect, f, self.model, self.motion) for f in free}
-        if any(not high > 2.0 * low for low, high in bounds.values()):
-            return None
-        centre = {f: float(np.log(usual_shape(self.effect, f, self.model, self.motion))) for f in free}
-        first, other = self._columns(centre), self._columns({f: x + 0.5 for f, x in centre.items()})
-        shaped = [n for n in first if not np.allclose(first[n], other[n], rtol=1e-9, atol=0.0)]
-        if not shaped:  # of joints whose torques are not used
-            return None
-        parts = [_Equation(self.torques, k, shaped) for k, _ in acts_on(self.effect, self.model)]
+    centre = np.log([usual_shape(effect, f, model, motion) for f in free])
+    first, other = columns(centre), columns(centre + 0.5)
+    shaped = [n for n in first if not np.allclose(first[n], other[n], rtol=1e-9, atol=0.0)]
+    if not shaped:  # of joints whose torques are not used
+        return None
+    parts = [_Equation(torques, k, shaped) for k, _ in acts_on(effect, model)]
 
-        def stacked(logs: Mapping[str, float]) -> list[np.ndarray]:
-            made = self._columns(logs)
-            return [np.column_stack([made[n][:, i] for n in shaped]) for i in range(len(parts))]
+    def parted(logs: np.ndarray) -> list[tuple[_Equation, np.ndarray]]:
+        made = columns(logs)
+        return [(p, np.column_stack([made[n][:, i] for n in shaped])) for i, p in enumerate(parts)]
 
-        grids = [np.linspace(np.log(bounds[f][0]), np.log(bounds[f][1]), STEPS[f]) for f in free]
-        points = [dict(zip(free, map(float, x), strict=True)) for x in itertools.product(*grids)]
-        falls = [sum(p.gain(c) for p, c in zip(parts, stacked(x), strict=True)) for x in points]
-        likeliest = stacked(points[int(np.argmax(falls))])
-        lags = max(correlation_lags(p.after(c)[:, None]) for p, c in zip(parts, likeliest, strict=True))
-
-        def gain(k: int) -> float:
-            far = sum(((points[k][f] - centre[f]) / np.log(WITHIN)) ** 2 for f in free)
-            return falls[k] / max(lags, 1) - far  # errors alike count once
-
-        return {f: float(np.exp(x)) for f, x in points[max(range(len(points)), key=gain)].items()}
-
-    def _columns(self, logs: Mapping[str, float]) -> dict[str, np.ndarray]:
-        shapes = {f: float(np.exp(x)) for f, x in logs.items()}
-        return shaped_columns(self.effect, shapes, self.model, self.motion, self.torques, self.states)
+    grids = [
+        np.linspace(np.log(own[0]), np.log(own[1]), STEPS[f]) for f, own in zip(free, bounds, strict=True)
+    ]
+    points = np.array(list(itertools.product(*grids)))
+    falls = np.array([sum(p.gain(c) for p, c in parted(x)) for x in points])
+    lags = max(correlation_lags(p.after(c)[:, None]) for p, c in parted(points[falls.argmax()]))
+    far = np.sum(((points - centre) / np.log(WITHIN)) ** 2, axis=1)
+    best = points[np.argmax(falls / max(lags, 1) - far)]  # errors alike count once
+    return dict(zip(free, np.exp(best).tolist(), strict=True))
 
 
 class _Equation:

@@ -29,7 +29,7 @@ from smsid.effects import Effect
 from smsid.effects.assembly import Assembly
 from smsid.effects.external import tilt_of, tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
-from smsid.identify.estimate import Estimate, ParameterEstimate, classify
+from smsid.identify.estimate import HELD, Estimate, ParameterEstimate, classify
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
@@ -181,7 +181,7 @@ def identify_arm(
             "total": done - begin,
         },
         notes=tuple(notes),
-        conditions={"torque regressor": solved.condition},
+        conditions={"torque regressor": solved.condition} | {HELD + j: x for j, x in (hold or {}).items()},
         covariance=padded_covariance(whole.covariance, len(parameters)),
     )
     return ArmIdentification(
@@ -312,20 +312,24 @@ def identified_effects(
     A parameter that only enters in combination keeps its value, and the rest of the combination belongs to
     the links.
     """
-    value = {names[i]: float(x) for i, x in zip(base.independent.tolist(), solved.x, strict=True)}
+    found = {names[i]: float(x) for i, x in zip(base.independent.tolist(), solved.x, strict=True)}
+    return with_values_in_bounds(description, found)
+
+
+def with_values_in_bounds(
+    description: Description, values: Mapping[str, float]
+) -> tuple[Description, list[str]]:
+    """Return the description with values of its effects by name, and notes on those kept at a bound."""
     effects, notes = [], []
     for effect in description.effect:
-        own = {}
-        for p in effect.parameters():
-            if p.name not in value:
-                continue
-            own[p.name] = min(max(value[p.name], p.lower), p.upper)
-            if own[p.name] != value[p.name]:
-                notes.append(
-                    f"{p.name} came out at {value[p.name]:.4g} {p.unit}; the description takes "
-                    f"{own[p.name]:g}"
-                )
-        effects.append(effect.with_values(own) if own else effect)
+        listed = [p for p in effect.parameters() if p.name in values]
+        own = {p.name: min(max(values[p.name], p.lower), p.upper) for p in listed}
+        effects.append(effect.with_values(own))
+        notes += [
+            f"{p.name} came out at {values[p.name]:.4g} {p.unit}; the description takes {own[p.name]:g}"
+            for p in listed
+            if own[p.name] != values[p.name]
+        ]
     return description.with_effects(*effects), notes
 
 

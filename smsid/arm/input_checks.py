@@ -104,20 +104,17 @@ def joint_doubts(
 
 def scale_doubts(scales: Sequence[TorqueScale]) -> tuple[JointDoubt, ...]:
     """Return joints whose torque signals are further than a factor of two from what their links need."""
-    far = [s for s in scales if s.sure and not 1.0 / FAR < s.value < FAR]
-    return tuple(
-        JointDoubt(s.joint, "torque scale", float("nan"), float("nan"), _scale_sentence(s)) for s in far
-    )
-
-
-def _scale_sentence(s: TorqueScale) -> str:
-    told = (
-        f"The torque signal of joint '{s.joint}' is {s.value:.3g} +- {NORMAL95 * s.sigma:.2g} times what the "
-        "described links need: "
-    )
-    if s.value < 0.0:
-        return told + "has it the wrong sign?"
-    return told + "is it a current, measured at the motor before its gear, or is a load not described?"
+    doubts = []
+    for s in scales:
+        if not s.sure or 1.0 / FAR < s.value < FAR:
+            continue
+        guess = "is it a current, measured at the motor before its gear, or is a load not described?"
+        told = (
+            f"The torque signal of joint '{s.joint}' is {s.value:.3g} +- {NORMAL95 * s.sigma:.2g} times what "
+            f"the described links need: {'has it the wrong sign?' if s.value < 0.0 else guess}"
+        )
+        doubts.append(JointDoubt(s.joint, "torque scale", float("nan"), float("nan"), told))
+    return tuple(doubts)
 
 
 class _Compared:

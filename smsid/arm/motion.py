@@ -9,7 +9,7 @@ from scipy.interpolate import make_interp_spline
 
 from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates
-from smsid.arm.readings import joint_readings, measured_channel
+from smsid.arm.readings import JointReadings, joint_readings, measured_channel
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -23,18 +23,6 @@ SPLINE_SAMPLES = 10.0
 
 SETTLING = 2.0
 """Periods of the cutoff left out at either end, where the filter does not know what lies beyond."""
-
-
-@dataclass(frozen=True)
-class JointSamples:
-    """What was recorded, at the joints: ``time`` (N,) [s], ``position`` (N, joints) [rad] and ``torque``
-    (N, joints) [N m] in the model's order, ``rate`` [Hz].
-    """
-
-    time: np.ndarray
-    position: np.ndarray
-    torque: np.ndarray
-    rate: float
 
 
 @short_repr
@@ -84,8 +72,8 @@ def joint_motion(
             uneven, or the record is shorter than the filter.
         DescriptionError: the gears do not fit.
     """
-    samples = joint_angles(model, recording)
-    rate, angles = samples.rate, samples.position
+    samples, rate = even_readings(model, recording)
+    angles = samples.position
     top = rate / 50.0 if cutoff is None else float(cutoff)
     edge = round(SETTLING * rate / top)
     if 2 * edge >= len(angles):
@@ -98,7 +86,7 @@ def joint_motion(
         )
     coarse = max(1, int(rate / (SPLINE_SAMPLES * top)))
     both = zero_phase(np.hstack([angles, samples.torque]), rate, top)
-    times = samples.time
+    times = samples.position_time
     count = angles.shape[1]
     spline = make_interp_spline(times[::coarse], both[::coarse, :count], k=5, axis=0)
     kept = slice(edge, len(angles) - edge, max(1, int(rate / (SAMPLES_PER_PERIOD * top))))
@@ -119,8 +107,8 @@ def measured_states(motion: JointMotion) -> JointStates:
     return JointStates(motion.q, motion.v, motion.a, motion.torque)
 
 
-def joint_angles(model: SpacecraftModel, recording: Recording) -> JointSamples:
-    """Return the samples of a recording at the joints, as `joint_motion` says, before any filter.
+def even_readings(model: SpacecraftModel, recording: Recording) -> tuple[JointReadings, float]:
+    """Return the readings of a recording, as `joint_motion` says before any filter, and their rate [Hz].
 
     Raises:
         RecordingError: a channel is missing, joints are unlabelled or not the model's, or the clock is
@@ -145,4 +133,4 @@ def joint_angles(model: SpacecraftModel, recording: Recording) -> JointSamples:
             advice="Filters spread them over the record; cut or fill them first.",
             channels=(position, torque),
         )
-    return JointSamples(found.position_time, found.position, found.torque, rate)
+    return found, rate

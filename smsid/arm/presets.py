@@ -7,26 +7,27 @@ from fnmatch import fnmatch
 from typing import Literal, get_args
 
 from smsid.description import Description
-from smsid.effects import Effect, JointCable, JointFriction, MotorInertia, TorqueOffset
+from smsid.effects import Effect, JointCable, JointFriction, MotorInertia, Servo, TorqueOffset
 from smsid.effects.friction import frictions_of
 from smsid.effects.friction_law import Law
 from smsid.effects.joint_bias import without_idle_offsets
 from smsid.errors import DescriptionError
 
-Kind = Literal["joint_friction", "motor_inertia", "torque_offset", "joint_cable"]
+Kind = Literal["joint_friction", "motor_inertia", "torque_offset", "joint_cable", "servo"]
 _MAKERS: dict[Kind, tuple[str, type[Effect]]] = {
     "joint_friction": ("friction", JointFriction),
     "motor_inertia": ("rotor", MotorInertia),
     "torque_offset": ("bias", TorqueOffset),
     "joint_cable": ("spring", JointCable),
+    "servo": ("servo", Servo),
 }
 
 
 def with_joint_effects(description: Description, joints: Sequence[str], *kinds: Kind) -> Description:
     """Return the description with an effect of each kind on each joint that has none of it yet.
 
-    They start at zero and are named ``friction_<joint>``, ``rotor_<joint>``, ``bias_<joint>`` and
-    ``spring_<joint>`` (with ``-`` for what a name cannot hold).
+    They start at zero (servos at a guess) and are named ``friction_<joint>``, ``rotor_<joint>``,
+    ``bias_<joint>``, ``spring_<joint>`` and ``servo_<joint>`` (with ``-`` for what a name cannot hold).
 
     Raises:
         DescriptionError: an unknown kind, or a name is taken.

@@ -99,21 +99,17 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
     turns: dict[str, int] = {}
     spiked: dict[str, int] = {}
     channels = {"position": position, "torque": torque}
-    rates = [
-        n
-        for n in recording.channels
-        if n.endswith(".joint_velocity") and not n.startswith(("command.", "truth."))
-    ]
-    if velocity and len(rates) == 1:
-        channels["velocity"] = rates[0]
-    warm = [n for n in recording.channels if n.endswith(".joint_temperature")]
-    if len(warm) == 1:
-        channels["temperature"] = warm[0]
+    for what in ("velocity", "temperature") if velocity else ("temperature",):
+        told = _measured(recording, f"joint_{what}")
+        channels |= {what: told[0]} if len(told) == 1 else {}
     for what, channel in channels.items():
         values, times = np.asarray(recording[channel], dtype=float), np.asarray(recording.time(channel))
         whole = np.isfinite(values).all(axis=1) & np.isfinite(times)
         values, times = values[whole], times[whole]
-        _require_samples(values, channel, 2 if what == "temperature" else 50)
+        if len(values) < (2 if what == "temperature" else 50):
+            raise RecordingError(
+                f"'{channel}' has {len(values)} whole samples.", advice="Record longer.", channel=channel
+            )
         at_motor = channel.startswith(f"{MOTOR}.")
         if what == "position":
             values, turns = _unwrapped(model, names, values, channel, at_motor=at_motor)
@@ -191,9 +187,8 @@ def measured_channel(recording: Recording, quantity: str) -> str:
     Raises:
         RecordingError: none, or several.
     """
-    found = [name for name in recording.channels if name.endswith(f".{quantity}")]
-    measured = [name for name in found if not name.startswith(("command.", "truth."))]
-    chosen = measured or [name for name in found if name.startswith("command.")]
+    commanded = f"command.{quantity}"
+    chosen = _measured(recording, quantity) or [n for n in recording.channels if n == commanded]
     if len(chosen) != 1:
         raise RecordingError(
             f"The recording has {len(chosen)} channels of '{quantity}' to choose from: "
@@ -204,6 +199,11 @@ def measured_channel(recording: Recording, quantity: str) -> str:
             found=tuple(chosen),
         )
     return chosen[0]
+
+
+def _measured(recording: Recording, quantity: str) -> list[str]:
+    own = (n for n in recording.channels if n.endswith(f".{quantity}"))
+    return [n for n in own if not n.startswith(("command.", "truth."))]
 
 
 def whole_turns(values: np.ndarray) -> np.ndarray:
@@ -267,11 +267,4 @@ def _require_limits(model: SpacecraftModel, names: tuple[str, ...], values: np.n
             joint=name,
             span=most - least,
             limits=(float(low), float(high)),
-        )
-
-
-def _require_samples(values: np.ndarray, channel: str, least: int) -> None:
-    if len(values) < least:
-        raise RecordingError(
-            f"'{channel}' has {len(values)} whole samples.", advice="Record longer.", channel=channel
         )

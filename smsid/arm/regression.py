@@ -16,7 +16,11 @@ STRETCHES = (6, 20)
 """Least and most stretches of time, whose errors are taken to be independent of each other."""
 
 PER_STRETCH = 5
-"""Lengths of the residual's correlation that a stretch has at least, if six of them fit in the recording."""
+"""Correlation lengths that a stretch has at least, if six of them fit in the recording.
+
+Of the residual; where that is not white, of the torques too: what the model lacks depends on where the arm is
+and how it moves, so that errors are alike for as long as the motion is, however much noise is on top.
+"""
 
 
 MOST_ORDER = 6
@@ -123,7 +127,8 @@ def solve_joints(
         root = np.linalg.inv(triangle[:n, :n])
         covariance = max(lags, 1) * root @ root.T
     else:
-        stretches = int(np.clip(samples // (PER_STRETCH * max(lags, 1)), *STRETCHES))
+        longest = max(lags, correlation_lags(rows @ x)) if lags > 1 else 1
+        stretches = int(np.clip(samples // (PER_STRETCH * longest), *STRETCHES))
         covariance = stretch_covariance(rows / scale / noise[:, None], white, stretches, weighted[:, :-1])
     if gain_sigma is not None:
         root = np.linalg.inv(triangle[:n, :n])

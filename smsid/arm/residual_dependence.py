@@ -8,7 +8,10 @@ import numpy as np
 
 from smsid.arm.columns import joint_angle
 from smsid.arm.joint_torques import block_means
+from smsid.arm.level import Level
 from smsid.arm.regression import Projection, correlation_lags
+from smsid.effects import BaseTilt
+from smsid.effects.external import tilt_of
 from smsid.effects.friction import frictions_of
 from smsid.effects.friction_law import Law, fields_of, friction_columns, sliding_state
 
@@ -28,7 +31,7 @@ SLOW = (0.05, 0.1, 0.2, 0.4)
 """Rates of Stribeck's curve for the hint, as shares of the rate's rms."""
 
 LAW = 0.05
-"""Share of the residual's squares that a law of friction must explain to be hinted at."""
+"""Share of the residual's squares that a law of friction, or gravity's lean, must explain to be hinted at."""
 
 CHANCE = 12.0
 """Fall of chi-squared per parameter of a law that chance does not make (five joints and laws looked at)."""
@@ -45,18 +48,14 @@ def leftover_sentences(found: ArmIdentification) -> list[str]:
     else:
         first = (
             f"residual: {100 * share:.3g} % of the torque is left, correlated over {span:.3g} s: something "
-            "is missing that the model does not have, and intervals allow for it. `smsid diagnose` looks for "
-            "causes."
+            "is missing that the model does not have. Intervals allow for how it scatters, not for what it "
+            "shifts throughout. `smsid diagnose` looks for causes."
         )
-    hints = []
-    for k, n in _places(found):
-        hints.append(_hint(found, residual, k, n) or _friction_hint(found, residual, k, n))
-    return [first, *(h for h in hints if h)]
-
-
-def _places(found: ArmIdentification) -> list[tuple[int, str]]:
     joints = found.model.arm_joints
-    return [(int(v), n) for v, n in zip(joints.v.tolist(), joints.names, strict=True)]
+    places = [(int(k), n) for k, n in zip(joints.v, joints.names, strict=True)]
+    hints = [_hint(found, residual, k, n) or _friction_hint(found, residual, k, n) for k, n in places]
+    hints = [h for h in hints if h]
+    return [first, *hints, *_level_hint(found, residual, PLAIN if hints else LAW)]
 
 
 def _hint(found: ArmIdentification, residual: np.ndarray, k: int, name: str) -> str:
@@ -79,6 +78,32 @@ def _hint(found: ArmIdentification, residual: np.ndarray, k: int, name: str) -> 
         return ""
     share = f"{100 * shares[what]:.0f} %"
     return f"hint: {share} of what is left at '{name}' goes with {what}, which is not described."
+
+
+def _level_hint(found: ArmIdentification, residual: np.ndarray, least: float) -> list[str]:
+    """Say by how much gravity leans, if that explains the share ``least`` of what is left: a score test over
+    all joints at once.
+    """
+    description = found.model.description
+    if tilt_of(description.effect) is not None or not np.any(description.gravity):
+        return []
+    level = Level.of(found.model, found.motion, found.torques, BaseTilt(name="level"))
+    columns = level.columns(found.base, found.regression.x, level.own)
+    if found.torques.used is not None:
+        columns = columns * found.torques.used[:, :, None]
+    rows = np.concatenate([found.torques.rows[:, :, found.base.independent], columns], axis=2)
+    rows = (rows / found.regression.noise[:, None]).reshape(residual.size, -1)
+    left = (residual / found.regression.noise).ravel()
+    slopes = Projection(rows[:, :-2]).left(rows[:, -2:])
+    lean = np.linalg.lstsq(slopes, left, rcond=1e-6)[0]
+    share = float(np.sum((slopes @ lean) ** 2)) / max(float(left @ left), 1e-300)
+    fall = len(left) / max(found.regression.lags, 1) * share / max(1.0 - share, 1e-6)
+    if share < least or fall < CHANCE * len(lean):
+        return []
+    return [
+        f"hint: {100 * share:.0f} % of what is left goes with gravity that leans by about "
+        f"{np.degrees(np.linalg.norm(lean)):.2g} degrees: is the base level? --level finds its direction."
+    ]
 
 
 def _friction_hint(found: ArmIdentification, residual: np.ndarray, k: int, name: str) -> str:

@@ -15,7 +15,13 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.comparison import JudgedArm, TorqueComparison
-from smsid.arm.identify import motion_notes, padded_covariance, recorded_motion, rigid_arm
+from smsid.arm.identify import (
+    motion_notes,
+    padded_covariance,
+    recorded_motion,
+    rigid_arm,
+    with_values_in_bounds,
+)
 from smsid.arm.joint_torques import JointTorques, block_length, block_means, joint_torques
 from smsid.arm.regression import solve_joints
 from smsid.arm.servo_equations import (
@@ -104,13 +110,6 @@ def is_of_servos(recordings: Sequence[Recording]) -> bool:
     ]
     others = (".joint_torque", ".wheel_torque", ".attitude", ".thruster")
     return COMMAND in names and bool(measured) and not any(n.endswith(others) for n in names)
-
-
-def with_servos(description: Description, joints: Sequence[str]) -> Description:
-    """Return the description with a servo of unknown gains on every joint that has none."""
-    taken = servos_of(description.effect)
-    new = [Servo(name=f"servo_{j.replace('/', '-')}", joint=j) for j in joints if j not in taken]
-    return description.with_effects(*new)
 
 
 def identify_servos(
@@ -216,19 +215,13 @@ def _servos(model: SpacecraftModel) -> dict[int, Servo]:
 
 
 def _with_values(description: Description, values: Mapping[str, float]) -> Description:
-    """Return the description with identified values, kept within their bounds."""
-    limits = {
-        s.name: values[f"{s.name}.limit"]
+    """Return the description with identified values, kept within their bounds; unstated limits as found."""
+    limited = [
+        s.model_copy(update={"limit": values[f"{s.name}.limit"]})
         for s in servos_of(description.effect).values()
         if s.limit is None and f"{s.name}.limit" in values
-    }
-    effects = []
-    for e in description.effect:
-        if e.name in limits:
-            e = e.model_copy(update={"limit": limits[e.name]})
-        own = {p.name: min(max(values[p.name], p.lower), p.upper) for p in e.parameters() if p.name in values}
-        effects.append(e.with_values(own))
-    return description.with_effects(*effects)
+    ]
+    return with_values_in_bounds(description.with_effects(*limited), values)[0]
 
 
 def _notes(servos: Mapping[int, Servo], inside: np.ndarray) -> list[str]:

@@ -94,14 +94,11 @@ def servo_equations(
     if not np.any(theta):
         raise DescriptionError("The links have no inertia.", advice="Give the URDF inertias.")
     links, signal = torques.rows[:, :, : theta.size] @ theta, np.array(torques.torque)
-    extra, names, units = [], [], []
+    extra: dict[str, np.ndarray] = {}
 
     def add(name: str, k: int, values: np.ndarray) -> None:
-        column = np.zeros(links.shape)
-        column[:, k] = values
-        extra.append(column)
-        names.append(name)
-        units.append("1")
+        extra[name] = np.zeros(links.shape)
+        extra[name][:, k] = values
 
     angles = block_means(model.joint_angles(motion.q), torques.starts)
     for place, k in enumerate(model.arm_joints.v.tolist()):
@@ -119,10 +116,10 @@ def servo_equations(
                 add(f"{s.name}.damping", k, -rate)
     return replace(
         torques,
-        rows=np.concatenate([*(c[:, :, None] for c in extra), torques.rows[:, :, theta.size :]], axis=2),
+        rows=np.dstack([*extra.values(), torques.rows[:, :, theta.size :]]),
         torque=signal,
-        names=(*names, *torques.names[theta.size :]),
-        units=(*units, *torques.units[theta.size :]),
+        names=(*extra, *torques.names[theta.size :]),
+        units=(*["1"] * len(extra), *torques.units[theta.size :]),
     )
 
 
@@ -133,16 +130,12 @@ def is_known(servo: Servo, field: str) -> bool:
 
 def with_sharp_friction(model: SpacecraftModel, motion: SmoothMotion) -> SpacecraftModel:
     """Return the model whose friction changes sign where nothing is looked at, see `moves_throughout`."""
-    sharp = {
-        e.name: SHARP * float(np.sqrt(np.mean(sign_rate(e, model, motion.v) ** 2)))
+    sharp = [
+        e.model_copy(update={SIGN_FIELD: SHARP * float(np.sqrt(np.mean(sign_rate(e, model, motion.v) ** 2)))})
         for e in model.description.effect
         if SIGN_FIELD in e.torque_shapes()
-    }
-    effects = [
-        e.model_copy(update={SIGN_FIELD: sharp[e.name]}) if e.name in sharp else e
-        for e in model.description.effect
     ]
-    return replace(model, description=model.description.with_effects(*effects))
+    return replace(model, description=model.description.with_effects(*sharp))
 
 
 def moves_throughout(motion: SmoothMotion, torques: JointTorques) -> np.ndarray:

@@ -71,10 +71,12 @@ def physical_values(
     for i, name in enumerate(torques.names):
         if name.endswith(".stiffness") and not (solved.x[i] > 3.0 * solved.sigma[i]):
             raise NotIdentifiableError(
-                f"Neither gravity nor inertia of the links shows at '{joint_of[name.partition('.')[0]]}': "
-                "its stiffness cannot be told.",
-                advice="Move it more, or state its stiffness and list it in `known`.",
+                f"Neither gravity nor inertia of the links shows at '{joint_of[name.partition('.')[0]]}' in "
+                f"the {shares[i]:.0%} of the time that it moves and is not at a limit of its torque: its "
+                "stiffness cannot be told.",
+                advice="Move it more and away from the limit, or state its stiffness and list it in `known`.",
                 parameter=name,
+                share=shares[i],
             )
     found = [
         classify(name, float(x), unit, float(s), GROUP, nominal=known[name].value)

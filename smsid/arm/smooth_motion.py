@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -114,9 +114,12 @@ def smooth_motion(model: SpacecraftModel, recording: Recording) -> SmoothMotion:
     times = [readings.torque_time[i].mean(axis=1) for i, _ in chosen]
     numbers = [n for _, n in chosen]
     values = [
-        np.concatenate([_along(joints, n, t, d) for t, n in zip(times, numbers, strict=True)])
+        np.column_stack([
+            np.concatenate([j.splines[n](t, nu=d) for t, n in zip(times, numbers, strict=True)])
+            for j in joints
+        ])
         for d in range(3)
-    ]
+    ]  # fmt: skip
     time = np.concatenate(times)
     return SmoothMotion(
         time,
@@ -147,28 +150,13 @@ def joined_motion(motions: Sequence[SmoothMotion]) -> SmoothMotion:
     if len(motions) == 1:
         return first
     offsets = np.cumsum([0, *(int(m.stretch[-1]) + 1 for m in motions[:-1])]).tolist()
-
-    def stacked(name: str) -> np.ndarray:
-        return np.concatenate([getattr(m, name) for m in motions])
-
-    return SmoothMotion(
-        time=stacked("time"),
-        q=stacked("q"),
-        v=stacked("v"),
-        a=stacked("a"),
-        torque=stacked("torque"),
-        stretch=np.concatenate([m.stretch + k for m, k in zip(motions, offsets, strict=True)]),
-        joints=tuple(
-            max(js, key=lambda j: j.sigma[1]) for js in zip(*(m.joints for m in motions), strict=True)
-        ),
-        readings=first.readings,
-        temperature=None if any(m.temperature is None for m in motions) else stacked("temperature"),
-    )
-
-
-def _along(joints: Sequence[SmoothJoint], number: int, times: np.ndarray, derivative: int) -> np.ndarray:
-    """Derivatives (n, joints) of the splines of one stretch."""
-    return np.column_stack([j.splines[number](times, nu=derivative) for j in joints])
+    warm = [] if any(m.temperature is None for m in motions) else ["temperature"]
+    names = ("time", "q", "v", "a", "torque", *warm)
+    stacked = {n: np.concatenate([getattr(m, n) for m in motions]) for n in names}
+    stretch = np.concatenate([m.stretch + k for m, k in zip(motions, offsets, strict=True)])
+    pairs = zip(*(m.joints for m in motions), strict=True)
+    worst = tuple(max(js, key=lambda j: j.sigma[1]) for js in pairs)
+    return replace(first, **{"temperature": None, **stacked}, stretch=stretch, joints=worst)
 
 
 def _samples(readings: JointReadings, stretch: slice, joint: int) -> Samples:

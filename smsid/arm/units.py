@@ -30,9 +30,3 @@ def joint_unit(unit: str, model: SpacecraftModel, *joints: str) -> str:
             joints=joints,
         )
     return SLIDING.get(unit, unit) if kinds == {True} else unit
-
-
-def torque_unit(model: SpacecraftModel, index: int) -> str:
-    """Return the unit of what the motor of a degree of freedom gives: N m, or N where it slides."""
-    joint = next(j for j in range(1, model.pin.njoints) if model.pin.joints[j].idx_v == index)
-    return joint_unit("N m", model, model.pin.names[joint])

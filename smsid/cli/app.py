@@ -136,6 +136,8 @@ def _common(
 ) -> None:
     own = logging.StreamHandler()
     own.setFormatter(_Wrapped("%(levelname)s %(name)s: %(message)s"))
+    told: dict[str, object] = {}  # once each: a command may load the same file several times
+    own.addFilter(lambda record: told.setdefault(record.getMessage(), record) is record)
     logging.basicConfig(handlers=[own])  # unless there are some
     for handler in logging.getLogger().handlers:
         handler.setLevel(logging.INFO if verbose else logging.WARNING)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from smsid.arm.identify import identify_arm, rigid_arm
 from smsid.arm.input_checks import joint_doubts, scale_doubts
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.readings import with_passive_joints
-from smsid.arm.servo import identify_servos, is_of_servos, with_servos
+from smsid.arm.servo import identify_servos, is_of_servos
 from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
 from smsid.cli.inputs import write_page
@@ -107,7 +108,8 @@ def identify_and_judge(
         description, untold, gain_sigma = _with_gains(description, train[0], cutoff, held, unknown)
     with working("identifying the arm"):
         if servos:
-            found = identify_servos(with_servos(description, joints), train, cutoff=cutoff, hold=held)
+            description = with_joint_effects(description, joints, "servo")
+            found = identify_servos(description, train, cutoff=cutoff, hold=held)
         else:
             found = identify_arm(
                 description, train, cutoff=cutoff, hold=held, without=untold, gain_sigma=gain_sigma
@@ -166,13 +168,19 @@ def _with_gains(
     return with_torque_gains(description, sure), untold, {s.joint: s.sigma / abs(s.value) for s in sure}
 
 
+def _shared(names: Sequence[str]) -> str:
+    """Return how all names begin, up to an underscore: ``panda_`` of ``panda_joint1`` and so on."""
+    alike = itertools.takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
+    return "".join("".join(x[0] for x in alike).rpartition("_")[:2]) if len(names) > 1 else ""
+
+
 def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]]) -> None:
     names = list(judged[0][2].by_joint)
-    stems = {n.rpartition("_")[0] + "_" for n in names}
-    shared = stems.pop() if len(stems) == 1 and len(names) > 1 else ""  # of `panda_joint1` and so on
+    before, after = _shared(names), _shared([n[::-1] for n in names])[::-1]
     table = plain_table(
-        *("recording", "role", "all joints", *(n.removeprefix(shared) for n in names)),
-        title="torques: |predicted - measured| / |measured|" + (f", joints '{shared}...'" if shared else ""),
+        *("recording", "role", "all joints", *(n.removeprefix(before).removesuffix(after) for n in names)),
+        title="torques: |predicted - measured| / |measured|"
+        + (f", joints '{before}...{after}'" if before + after else ""),
         left=("recording", "role"),
     )
     for name, role, errors in judged:

@@ -107,7 +107,7 @@ def _write_folder(
     with working("exporting"):
         found = export_folder(described, output, known, mujoco=mujoco)
     document["notes"] += found.notes
-    if found.bodies is not None:
+    if found.bodies is not None and found.bodies.combinations:
         document |= {"combinations": found.bodies.combinations, "misfit": found.bodies.misfit}
         say(
             f"bodies agree with {found.bodies.combinations} identified combinations to "

@@ -166,7 +166,7 @@ def _carried(log: Recording, arm: Path, frame: str) -> tuple[np.ndarray, np.ndar
     import pinocchio as pin
 
     from smsid.arm.joints import with_joint_order
-    from smsid.arm.motion import measured_channel
+    from smsid.arm.readings import measured_channel
     from smsid.description import load_description
     from smsid.effects.assembly import find_frame
     from smsid.model import build_model

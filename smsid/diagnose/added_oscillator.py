@@ -17,6 +17,7 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 from smsid.diagnose.profiled_hypothesis import (
+    Resolved,
     Searched,
     Settled,
     Shape,
@@ -24,9 +25,8 @@ from smsid.diagnose.profiled_hypothesis import (
     by_one,
     moments,
     place_of,
-    resolved_as,
 )
-from smsid.diagnose.score_test import Score, least_squares
+from smsid.diagnose.score_test import Score, least_squares, recast
 from smsid.effects.appendage_effect import ExtraMode
 from smsid.effects.base import Effect
 from smsid.effects.slosh import Slosh
@@ -246,7 +246,7 @@ class Oscillating(Searched):
             p.name: p.value for p in self._effect(LEAST, self.springs.place, omega, zeta).parameters()
         }
         means = tuple((n, reference[n]) for n in free[1 : 1 + d])
-        own = resolved_as(self, effect, free=free, steps=steps, means=means)
+        own = recast(Resolved, self, {"effect": effect, "free": free, "steps": steps, "means": means})
         return own, by, np.r_[coefficients[0], np.zeros(len(free) - 1)], mass > 0.0
 
     def scored(self, found: Fit, own: Projected) -> Score:

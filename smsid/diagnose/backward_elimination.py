@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy.stats import chi2
@@ -24,13 +24,19 @@ LOGGER = logging.getLogger(__name__)
 
 
 def eliminate_backward(
-    causes: list[Cause], last: Fit, nominal: Fit, levels: DetectionThresholds, tried: int
+    causes: list[Cause],
+    last: Fit,
+    nominal: Fit,
+    levels: DetectionThresholds,
+    tried: int,
+    proven: Collection[tuple[str, str, str]] = (),
 ) -> tuple[list[Cause], Fit]:
     """Leave out causes that the others made unnecessary, by Wald's statistic: of all parameters, or of those
     that make it do something.
 
     One that is far from doing nothing as far as its further parameters are what they are (the gap of a
-    backlash, which goes with the torque of its crossing) is left out only where it is not missed.
+    backlash, which goes with the torque of its crossing) is left out only where it is not missed. Those
+    ``proven``, by key, stay.
     """
 
     def chance(cause: Cause) -> float:
@@ -39,7 +45,7 @@ def eliminate_backward(
         alone = float(chi2.sf(wald(last, own, strength=True), sum(strengths(own))))
         return 0.5 * cause.score.sides * tried * max(whole, alone)
 
-    needed: list[Cause] = []
+    needed = [c for c in causes if c.score.candidate.key in proven]
     while len(causes) > 1:
         doubted = [c for c in causes if not any(c is n for n in needed) and chance(c) > levels.candidate]
         if not doubted:

@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from smsid.diagnose.change_point_scores import Starts, cut_sensitivity
+from smsid.diagnose.change_time_posterior import Starts, cut_sensitivity, step_from
 from smsid.diagnose.onset_scan import onset_ratios
 from smsid.diagnose.score_test import Candidate, Score, changes_of, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -65,7 +65,7 @@ def best_start(
 @dataclass(frozen=True)
 class Onsets:
     """A candidate that begins, perhaps as an effect of its own, with its changes, and the likelihood ratios
-    (2 N - 1,) of beginnings at the `events` of a run.
+    (2 N - 1,) of beginnings at the samples of a run and the middles between them.
     """
 
     candidate: Candidate
@@ -270,18 +270,6 @@ def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
     before = float(starts.ratios([starts.start])[0])
     start, ratio, _ = best_start(current, starts.ratios, [starts.start], cheap=True)
     return (start, ratio - before) if ratio > before else (starts.start, 0.0)
-
-
-def step_from(current: Fit, time: float) -> float:
-    """Return the beginning [s] of the next step of the integration: what begins within one acts from then on.
-
-    Where steps become shorter, it still does.
-    """
-    times = current.run.states.time
-    k = min(max(int(np.searchsorted(times, time)), 1), len(times) - 1)
-    before = float(times[k - 1])
-    step = (float(times[k]) - before) / current.changes.applied.means.shape[1]
-    return before + step * float(np.ceil((time - before) / step - 1e-6))
 
 
 def _may_begin(candidate: Candidate) -> bool:

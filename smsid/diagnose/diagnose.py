@@ -16,7 +16,7 @@ from smsid.diagnose.extended_description import extended_point, with_inertial_sh
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.noise_covariance import FOLLOWED
-from smsid.diagnose.open_loop_check import unexplained_fraction
+from smsid.diagnose.open_loop import unexplained_fraction
 from smsid.diagnose.outliers import outliers, recount_outliers
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
@@ -25,10 +25,10 @@ from smsid.diagnose.sensor_faults import (
     drop_samples,
     inflate_for_quantisation,
     quantised_channels,
+    resting_channels,
     stuck_channels,
 )
 from smsid.diagnose.standing_causes import standing
-from smsid.diagnose.stationary_channels import resting_channels
 from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque import diagnose_torques, torques_were_measured
@@ -85,8 +85,6 @@ def diagnose(
     *,
     estimate: Estimate | None = None,
     validation: Sequence[Recording] = (),
-    levels: DetectionThresholds | None = None,
-    noise: Noise | None = None,
     rate: float = RATE,
     cutoff: float | None = None,
 ) -> Diagnosed:
@@ -101,8 +99,6 @@ def diagnose(
             and causes are common to all, the state at the start and sensor biases are each recording's own.
         estimate: standard deviations of the nominal parameters; else the description's priors, else defaults.
         validation: recordings the gain is measured on.
-        levels: levels of significance.
-        noise: process noise of the commands.
         rate: samples a second that are looked at; more are thinned out (commands are not) [Hz].
         cutoff: of measured torques: low-pass of the motion [Hz].
 
@@ -117,19 +113,11 @@ def diagnose(
             doubts = consistency_notes([*recordings, *validation])
             if torques_were_measured(description, recordings[0]):  # takes the columns by their labels itself
                 result, extended, torques = diagnose_torques(
-                    description, recordings, estimate=estimate, validation=validation, levels=levels,
-                    cutoff=cutoff,
-                )  # fmt: skip
+                    description, recordings, estimate=estimate, validation=validation, cutoff=cutoff
+                )
                 made = Diagnosed(result, extended, torques=torques)
             else:
-                made = _diagnose(
-                    description,
-                    recordings,
-                    estimate,
-                    validation,
-                    (levels or DetectionThresholds(), noise or Noise(), rate),
-                    names,
-                )
+                made = _diagnose(description, recordings, estimate, validation, rate, names)
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("not evaluated: %s", error, exc_info=True)
             result = Diagnosis(description.name, names, "not_evaluated", str(error), gain_reason=str(error))
@@ -143,10 +131,10 @@ def _diagnose(
     recordings: Sequence[Recording],
     estimate: Estimate | None,
     validation: Sequence[Recording],
-    options: tuple[DetectionThresholds, Noise, float],
+    rate: float,
     names: tuple[str, ...],
 ) -> Diagnosed:
-    levels, noise, rate = options
+    levels = DetectionThresholds()
     for recording in recordings:
         recording.check()
     labels = labels_of(recordings)
@@ -154,7 +142,7 @@ def _diagnose(
     point, description = known.point, known.point.description
     recordings = [order_columns(r, point.base) for r in recordings]
     placed = on_one_clock(recordings, labels)
-    read = joint_problem([_problem(point, p, noise, known.joint) for p in placed], placed)
+    read = joint_problem([_problem(point, p, known.joint) for p in placed], placed)
     whole = read.data
     rounded = quantised_channels(whole)
     faults = stuck_channels(whole) + rounded
@@ -207,16 +195,21 @@ def _diagnose(
     seen, every = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *every))
     named, partial, by, hints = every, (), found, []
-    if decided == "unexplained":
+    if decided == "unexplained" or found.misfit:
         # what explains a part only is a hint: a cause outside the catalogue looks like several within
-        by, stand = (found, ()) if is_piecewise_drift(every) else standing(found, every)
-        stand = stand or (False,) * len(every)
-        named = tuple(c for c, yes in zip(causes(by), stand, strict=True) if yes) if any(stand) else ()
-        partial = tuple(c for c, yes in zip(every, stand, strict=True) if not yes)
-        hints = [c.score.candidate for c, yes in zip(found.causes, stand, strict=True) if not yes]
+        stand: Sequence[FoundCause | None] = (None,) * len(every)
+        if not is_piecewise_drift(every):
+            by, stand = standing(found, every)
+        every = tuple(s or c for s, c in zip(stand, every, strict=True))
+        if decided == "unexplained":
+            named = tuple(s for s in stand if s)
+            partial = tuple(c for c, s in zip(every, stand, strict=True) if not s)
+            hints = [c.score.candidate for c, s in zip(found.causes, stand, strict=True) if not s]
+        else:
+            named = every
         _, sentence = verdict(found, (*seen, *every), (*seen, *named), partial)
     extended, told, reached = description, (), found.nominal.point
-    if decided != "unexplained" or named:
+    if found.causes and (decided != "unexplained" or named):
         reached = extended_point(by, hints)
     if decided == "explained" or named:
         extended, told = with_inertial_shifts(reached, by.last)
@@ -263,12 +256,12 @@ def _diagnose(
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
         timing=found.seconds,
-        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *found.failed, *told, *gone) if n),
+        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *by.failed, *told, *gone) if n),
     )
     return Diagnosed(result, extended, found, point=reached)
 
 
-def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> Problem:
+def _problem(point: Point, placed: Placed, joint: JointPrior) -> Problem:
     """Return a recording as a problem; raises `RecordingError` for one that is too short or empty."""
     recording = placed.recording
     data = measurements_of(point.base, recording, point.description.effective_sensors())
@@ -283,7 +276,7 @@ def _problem(point: Point, placed: Placed, noise: Noise, joint: JointPrior) -> P
             f"There is nothing in '{placed.label}': none of the sensors' channels ever changes.",
             advice="Are the right channels mapped?",
         )
-    return Problem(recording, data, locked(point.base, recording), Timing(), noise, joint)
+    return Problem(recording, data, locked(point.base, recording), Timing(), Noise(), joint)
 
 
 def _timings(problem: Problem) -> list[tuple[str, Timing]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +33,7 @@ def exchange_step(
     *,
     exchange: bool = True,
     last_too: bool = False,
+    settled: Collection[tuple[str, str, str]] = (),
 ) -> tuple[list[Cause], Fit]:
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
 
@@ -44,10 +45,12 @@ def exchange_step(
     parameters that stood in for the causes moved, and a ten-thousandth of what these took tells rivals
     apart. What was searched for is among them itself: its place and phase may be others beside the rest. The
     last cause was chosen so; with ``last_too``, where the noise has become finer since, it is
-    judged again as well.
+    judged again as well. Those ``settled``, by key, stay as they are.
     """
     causes, columns = list(causes), {}
     for i, cause in enumerate(causes if last_too else causes[:-1]):
+        if cause.score.candidate.key in settled:
+            continue
         taken = {c.score.candidate.key for c in causes}
         less = _taken_out(last, cause, nominal)
         if less is None:

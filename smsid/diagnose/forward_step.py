@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,19 +21,20 @@ from smsid.diagnose.change_point import (
     with_onset,
 )
 from smsid.diagnose.exchange_step import exchange_step, recompute_evidence
-from smsid.diagnose.hysteresis_test import memory
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
-from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, strays_by_row
-from smsid.diagnose.one_recording import in_one_recording
-from smsid.diagnose.score_test import Candidate, Score, scored, signatures
-from smsid.diagnose.specification_tests import SpecificationTest
-from smsid.diagnose.step_size_check import finely_stepped
+from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, with_misfit
+from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
+from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.map_estimate import Fit, evaluate, fit
+from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 CLEAR = THRESHOLDS.beginnings_sought
+ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -42,7 +43,7 @@ class State:
 
     ``nominal`` is the fit without causes, ``normalised_rmse`` the rms of its prediction errors over
     the stated noise; ``held`` are the tests for memory that end a search, where the next cause would stand
-    in for a piece of it.
+    in for a piece of it. ``proven`` are keys of causes found while a structure was taken as unknown.
     """
 
     def __init__(
@@ -61,11 +62,11 @@ class State:
         self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
         self.causes: list[Cause] = [] if known is None else [known]
         self.held: tuple[SpecificationTest, ...] = ()
+        self.proven: frozenset[tuple[str, str, str]] = frozenset()
         self._nominal()
         if nominal is not None:
             self.nominal = nominal
             self.normalised_rmse = normalised_rmse(nominal.run)
-            self.strays = strays_by_row(nominal.run, np.ones(len(fitted.factors)))
         self.failed: list[str] = []
         self._restarts = 0
         # whether the noise is finer now than when the last cause was chosen
@@ -123,7 +124,10 @@ class State:
         cause, found = accept(self.current, best, rivals, self._asked, len(self.candidates), **worth)
         if cause is not None:
             self._add(cause, found)
-        elif self._better(found):
+        elif (
+            2.0 * (self.current.objective - found.objective) > self.levels.linear
+            and self._restarts < RESTLESS
+        ):
             self._restart(found)
         else:
             self._out.add(best.candidate.key)
@@ -138,33 +142,50 @@ class State:
             self._score_anew()
         if not self.causes or (len(self.causes) == 1 and not self._finer):
             return
-        reached, exchange = self.current, not self.fitted.misfit
         self.causes, found = exchange_step(
-            self.causes, reached, self.nominal, self.candidates, self.levels,
-            exchange=exchange, last_too=self._finer,
+            self.causes, self.current, self.nominal, self.candidates, self.levels,
+            exchange=not self.fitted.misfit, last_too=self._finer, settled=self._settled,
         )  # fmt: skip
-        self._keep(found)
-        if found is not reached:  # what had begun beside another cause
-            self._there_always()
-            self._score_anew()
+        self.take(found)
 
     def prune(self) -> bool:
         """Drop the causes that the others have made needless; return whether any was."""
-        reached = self.current
         self.causes, found = eliminate_backward(
-            self.causes, reached, self.nominal, self.levels, len(self.candidates)
+            self.causes, self.current, self.nominal, self.levels, len(self.candidates), self.proven
         )
-        if found is reached:
-            return False
-        self._keep(found)
-        self._there_always()
+        return self.take(found)
+
+    def restore(self, problem: Problem) -> bool:
+        """Take in again the structure that was taken as unknown, and say so; causes elsewhere stay.
+
+        ``problem`` is the whole one, as the search began.
+        """
+        self.proven = frozenset(c.score.candidate.key for c in self.causes) - self._settled
+        whole = replace(self.current.problem, data=problem.data, noise=problem.noise)
+        back = Fitted(
+            fit(self.current.point, self.current.unknowns, whole, iterations=2), np.ones(whole.data.rows)
+        )
+        self.fitted = with_misfit(replace(back, misfit=True, local=False))
+        self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
+        self.normalised_rmse = normalised_rmse(self.nominal.run, self.fitted.factors)
+        self._out.clear()
         self._score_anew()
         return True
 
-    def enlarge(self, larger: Fit) -> None:
-        """Take a fit with further parameters of the causes free."""
-        self._keep(larger)
+    def take(self, found: Fit) -> bool:
+        """Go on from another fit, as judged anew; return whether it is another."""
+        if found is self.current:
+            return False
+        self._keep(found)
+        self._there_always()  # what had begun beside another cause
         self._score_anew()
+        return True
+
+    @property
+    def _settled(self) -> frozenset[tuple[str, str, str]]:
+        """Keys of causes that are not judged again: where their place is unknown, or was when they were."""
+        causes, place = (c.score.candidate for c in self.causes), self.fitted.unknown
+        return frozenset(c.key for c in causes if is_at(c.location, place)) if place else self.proven
 
     @property
     def _asked(self) -> DetectionThresholds:
@@ -209,10 +230,6 @@ class State:
         gain, level = best.information_gain(self.samples), self.levels.block / len(self.candidates)
         tests = memory(self.current, [c.score.candidate.location for c in self.causes])
         return tuple(t for t in tests if t.information_gain(self.samples) > gain and t.p_value < level)
-
-    def _better(self, found: Fit) -> bool:
-        gained = 2.0 * (self.current.objective - found.objective)
-        return gained > self.levels.linear and self._restarts < RESTLESS
 
     def _restart(self, found: Fit) -> None:
         """Go on from a better fit of the same parameters that a candidate led to."""
@@ -268,7 +285,6 @@ class State:
         """The last fit is of the nominal parameters alone."""
         self.nominal = self.current
         self.normalised_rmse = normalised_rmse(self.current.run, self.fitted.factors)
-        self.strays = strays_by_row(self.current.run, self.fitted.factors)
 
     def _move(self, found: Fit, *, strong: bool) -> None:
         """Go on from another fit, with its noise levels.
@@ -302,6 +318,9 @@ class State:
         """Score the candidates left, the best first; signatures already known are used again."""
         out = self._out | {c.score.candidate.key for c in self.causes}
         rest = [c for c in self.candidates if c.key not in out]
+        if self.fitted.unknown:
+            elsewhere = (c for c in rest if not is_at(c.location, self.fitted.unknown))
+            rest = [c for c in elsewhere if c.family not in ON_THE_BUS]
         missing = [c for c in rest if c.key not in self._columns]
         if missing:
             known = signatures(self.current, missing)
@@ -323,3 +342,84 @@ def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThreshold
     if sum(begins_midway(s) for s in scores) > 1:
         scores, found = always_together(found, scores, levels.onset)
     return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found
+
+
+def in_one_recording(
+    current: Fit, scores: Sequence[Score], columns: Mapping[tuple[str, str, str], np.ndarray], alias: float
+) -> list[Score]:
+    """Return scores, each as of its effect in one recording alone where that explains clearly more.
+
+    Nothing passes from one recording to the next, so that the columns (N rows, d) of an effect in one of
+    them are those of the effect in all, with the other rows zero. Which one it is, of all and each, was
+    searched: its likelihood ratio is to be larger by twice the logarithm of how many these are, and by
+    ``alias``. An effect of a name that is there already is another one.
+    """
+    parts = current.problem.parts
+    if not parts:
+        return list(scores)
+    names = {e.name for e in current.point.description.effect}
+    tried = len(parts) + 1
+    least = 2.0 * float(np.log(tried)) + alias
+    best = {s.candidate.key: s for s in scores}
+    may = [s.candidate for s in scores if _may(s.candidate, current.point.within)]
+    for part in parts:
+        own = [replace(c.apart(names), recording=part.label, grid=c.grid * tried) for c in may]
+        there = [seen_where(current, c, columns[c.key]) for c in own]
+        for one in scored(current, own, there):
+            known = best[one.candidate.key]
+            if one.ratio > known.ratio + (0.0 if known.candidate.recording else least):
+                best[one.candidate.key] = one
+    return [best[s.candidate.key] for s in scores]
+
+
+def _may(candidate: Candidate, within: Mapping[str, str]) -> bool:
+    """Whether a candidate is of an effect that acts throughout, and may do so in one recording alone."""
+    effect = candidate.effect
+    if effect is None or type(candidate) is not Candidate:
+        return False
+    return getattr(effect, "start", None) is None and effect.name not in within
+
+
+SEEN = THRESHOLDS.steps_seen
+FINER = 3  # times that the steps are halved
+
+
+def finely_stepped(found: Fit) -> Fit:
+    """Return a fit with steps as short as its motion needs, or the same where they are short enough.
+
+    A strong cause may make an arm swing far faster than anybody has reckoned with.
+    """
+    for _ in range(FINER):
+        try:
+            size = discretisation_chi2(found)
+            if not size > SEEN:
+                break
+            problem = _with_half_the_step(found)
+            LOGGER.info(
+                "errors of integration of %.1f in chi-squared: steps of %.4g s", size, problem.substep
+            )
+            found = fit(found.point, found.unknowns, problem, iterations=8)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("no shorter steps: %s", error)
+            break
+    return found
+
+
+def discretisation_chi2(found: Fit) -> float:
+    """Return what errors of integration add to the sum of squares of innovations, beside the parameters.
+
+    By the difference to the innovations of a filter with steps of half the length.
+    """
+    model = found.point.model()
+    coarse, fine = (
+        run_filter(model, at_point(found.point, problem)).innovations
+        for problem in (found.problem, _with_half_the_step(found))
+    )
+    left = found.left((fine - coarse).reshape(-1, 1))
+    return float(np.vdot(left, left))
+
+
+def _with_half_the_step(found: Fit) -> Problem:
+    """Return the problem with half the step that is taken: an even number of them fills a sample."""
+    taken = float(np.median(np.diff(found.run.states.time))) / found.changes.applied.means.shape[1]
+    return replace(found.problem, substep=0.5 * taken)

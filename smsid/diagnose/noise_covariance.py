@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import welch
 
+from smsid.diagnose.specification_tests import with_unknown
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.filter_run import FilterRun
@@ -24,6 +25,7 @@ LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
 HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
+LEFT = THRESHOLDS.own_channel
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
@@ -35,13 +37,16 @@ class Fitted:
     """A fit with the noise levels it was made with: factors on the stated ones (rows,).
 
     ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone;
-    ``alone`` where a component or a channel was not fitted, as it strays by itself.
+    ``alone`` where a component or a channel was not fitted, as it strays by itself. ``unknown`` names the
+    structure whose motion was taken as unknown; where ``local`` is ``False``, none may be.
     """
 
     fit: Fit
     factors: np.ndarray
     misfit: bool = False
     alone: bool = False
+    unknown: str = ""
+    local: bool = True
 
     @property
     def by_channel(self) -> dict[str, float]:
@@ -86,7 +91,7 @@ def with_levels(found: Fitted) -> Fitted:
     as noise that is as slow.
     """
     if normalised_rmse(found.fit.run) > MISFIT:
-        return but_for_one(found) or refit_noise(replace(found, misfit=True))
+        return but_for_one(found) or with_misfit(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
 
@@ -107,10 +112,7 @@ def but_for_one(found: Fitted) -> Fitted | None:
     rows = next((r for r in choices if squares[:, r].sum() > HALF * squares.sum()), None)
     if rows is None:
         return None
-    left_out = np.zeros(whole.data.values.shape, dtype=bool)
-    left_out[:, rows] = True
-    left_out[list(found.fit.run.begins), rows] = False  # where the filter begins is read from there
-    problem = replace(whole, data=whole.data.without(left_out))
+    problem = with_unknown(whole, found.fit.run, (), whole.data.names[rows])
     try:
         rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
         if normalised_rmse(rest.run) > FOLLOWED:
@@ -132,14 +134,42 @@ def refit_noise(found: Fitted, *, strong: bool = False) -> Fitted:
     """
     if not found.misfit:
         return _with_noise(found) if strong else found
-    if strong:
-        exact = _exact(found)
-        if exact is not None:
-            return exact
-    again = _with_misfit(found)
-    if normalised_rmse(again.fit.run, again.factors) > FOLLOWED:
-        return again
-    return _exact(again) or again
+    followed = (_exact(found) if strong else None) or (but_for_a_structure(found) if found.local else None)
+    return followed or with_misfit(found)
+
+
+def but_for_a_structure(
+    found: Fitted, held: Callable[[str], Collection[str]] = lambda place: ()
+) -> Fitted | None:
+    """Return the fit to the noise as stated with the motion of one structure unknown and its own channels
+    left out, where all else is followed; else nothing.
+
+    A panel or a tank is described by a few modes; what else it does reaches all channels, but is a force on
+    these modes and a wrench on what carries it. ``held`` are names of parameters that stay, by structure.
+    """
+    model, last = found.fit.changes.model, found.fit
+    places = {a.appendage.name: [model.pin.joints[j].idx_v for j in a.seen] for a in model.appendages}
+    places |= {tank.name: [*range(tank.v.start, tank.v.stop)] for tank in model.slosh}
+    stated = last.problem.data.scaled(1.0 / found.factors)
+    for place, own_dofs in places.items():
+        dofs = [*(range(6) if model.free else ()), *own_dofs]
+        own = {b.channel for b in stated.blocks if place in (b.sensor.appendage, b.sensor.name)}
+        problem = with_unknown(
+            replace(last.problem, data=stated), last.run, dofs, own, held=len(stated.times)
+        )
+        unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
+        try:
+            rest = fit(last.point, unknowns, problem, iterations=2)
+            if normalised_rmse(rest.run) < MISFIT:
+                rest = continued(rest, iterations=6)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("not with %s unknown: %s", place, error)
+            continue
+        left = strays_by_row(rest.run, np.ones(stated.rows))
+        LOGGER.info("with %s unknown, up to %.3g times the noise is left", place, left.max())
+        if normalised_rmse(rest.run) < FOLLOWED and left.max() < LEFT:
+            return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
+    return None
 
 
 def _exact(found: Fitted) -> Fitted | None:
@@ -169,8 +199,9 @@ def _with_noise(found: Fitted) -> Fitted:
     return found
 
 
-def _with_misfit(found: Fitted) -> Fitted:
-    """Return the fit whose noise levels are those of what it leaves: the likeliest of both.
+def with_misfit(found: Fitted) -> Fitted:
+    """Return the fit whose noise levels are those of what it leaves, the likeliest of both; where little is
+    left, that to the noise as stated.
 
     At first every channel bears what one of them has bent the fit to; only where levels and fit agree is
     misfit where it belongs.
@@ -183,7 +214,8 @@ def _with_misfit(found: Fitted) -> Fitted:
         found = replace(_scaled(found, factor, iterations=4, enough=NEAR), misfit=True)
         if np.abs(np.log(factor)).max() < 0.1:
             break
-    return found
+    followed = normalised_rmse(found.fit.run, found.factors) <= FOLLOWED
+    return (_exact(found) if followed else None) or found
 
 
 def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:

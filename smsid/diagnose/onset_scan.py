@@ -24,17 +24,10 @@ from smsid.estimation.sensitivities import Sensitivity
 ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
 
 
-def events(run: FilterRun) -> np.ndarray:
-    """Return the times (2 N - 1,) [s] at which changes act: samples and the middles between them."""
-    out = np.empty(2 * len(run.states.time) - 1)
-    out[::2], out[1::2] = run.states.time, run.middle.time
-    return out
-
-
 def onset_ratios(
     found: Fit, groups: Sequence[Sequence[Sensitivity]], one_sided: Sequence[bool]
 ) -> list[np.ndarray]:
-    """Return the likelihood ratios (2 N - 1,) of groups of changes that begin at every event.
+    """Return the likelihood ratios (2 N - 1,) of groups of changes that begin at samples and middles.
 
     The fitted parameters are free beside them; directions that are hardly excited are left out, and of those
     ``one_sided`` what a negative coefficient would explain.
@@ -100,7 +93,7 @@ def _inputs(run: FilterRun, changes: Sequence[Sensitivity]) -> tuple[np.ndarray,
 def _squares(
     run: FilterRun, direct: np.ndarray, pushed: np.ndarray, widths: Sequence[int]
 ) -> list[np.ndarray]:
-    """Return products (2 N - 1, d, d) of the columns of each group with each other, from every event on."""
+    """Return products (2 N - 1, d, d) of the columns of each group with each other, by when they begin."""
     n, states = len(direct), run.gain.shape[1]
     ends = np.cumsum([0, *widths])
     own = [np.arange(first, last) for first, last in pairwise(ends)]
@@ -109,7 +102,7 @@ def _squares(
     known, state = np.zeros((states, states)), np.zeros((states, direct.shape[2]))
 
     def begin(change: np.ndarray, seen: np.ndarray) -> None:
-        """Add changes of the state at an event, whose later columns go with ``state``."""
+        """Add changes of the state at one of them, whose later columns go with ``state``."""
         nonlocal now, state
         shown = known @ change
         more = np.einsum("ip,ip->p", change[:, one], (state + shown)[:, two])

@@ -8,12 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.initial_state import InitialPrior, initial_belief
+from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
+from smsid.estimation.map_estimate import Fit
 from smsid.estimation.measurements import Measured
-from smsid.estimation.problem import Belief, Noise, Problem
+from smsid.estimation.problem import Belief, Noise, Problem, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
@@ -104,3 +107,37 @@ def _cost(run: FilterRun, level: np.ndarray) -> float:
 def _moved(model: SpacecraftModel, at: Belief, step: np.ndarray) -> Belief:
     nv = model.nv
     return replace(at, q=pin.integrate(model.pin, at.q, step[:nv]), v=at.v + step[nv:])
+
+
+SETTLE = 5.0  # [s] corrected before the model runs by itself
+MOVES = THRESHOLDS.moves
+QUANTITIES = ("joint_velocity", "angular_rate", "velocity")
+
+
+def unexplained_fraction(fit: Fit, noise: dict[str, float]) -> float:
+    """Return the share of the motion that a model does not follow, open loop: the median of all rates.
+
+    ``noise`` are noise levels over the stated ones by channel, as the fit has them. Not a number where
+    nothing moves, or where the model runs away.
+    """
+    left: list[float] = []
+    model = fit.point.model()
+    here = at_point(fit.point, fit.problem)
+    models = [part.model or model for part in here.parts] or [model]
+    for own, problem in zip(models, recordings_of(here), strict=True):
+        data = problem.data
+        until = float(data.times[0]) + SETTLE
+        try:
+            run = run_filter(own, problem, until=until)
+        except SimulationError:  # it runs away by itself: that says nothing of what it follows when corrected
+            return float("nan")
+        later = data.times > until
+        for block in data.blocks:
+            values = data.values[later, block.rows]
+            if block.quantity not in QUANTITIES or not np.isfinite(values).any(axis=0).all():
+                continue
+            moved = np.nanstd(values, axis=0)
+            off = np.sqrt(np.nanmean(run.errors[later, block.rows] ** 2, axis=0))
+            stated = data.sigma[block.rows] / noise[block.channel]
+            left += [o / m for o, m, s in zip(off, moved, stated, strict=True) if m > MOVES * s]
+    return float(np.median(left)) if left else float("nan")

@@ -8,17 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from scipy.optimize import minimize
 
-from smsid.diagnose.score_test import EXCITED, Candidate, Score, least_squares, odds, parameter_of
-from smsid.effects.base import Effect
+from smsid.diagnose.score_test import (
+    EXCITED,
+    Candidate,
+    Score,
+    changes_of,
+    least_squares,
+    odds,
+    parameter_of,
+    recast,
+)
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.effects.external import Bodies, GravityGradient
 from smsid.effects.payload import WheelImbalance, point_parameters
 from smsid.estimation.map_estimate import Fit, Projected
 from smsid.estimation.parameter_vector import Unknown
-from smsid.estimation.sensitivities import Sensitivities, Sensitivity
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
+from smsid.simulate.trajectory import States
 
 FAR = 5.0  # [m] from the reference: further away nothing of a spacecraft sits
 
@@ -50,24 +61,6 @@ class Resolved(Candidate):
             replace(first, nominal=0.0),
             *(replace(u, nominal=means.get(u.name, u.nominal)) for u in rest),
         )
-
-
-def resolved_as(
-    candidate: Candidate,
-    effect: Effect,
-    *,
-    free: tuple[str, ...] | None = None,
-    steps: tuple[float, ...] | None = None,
-    grid: int = 1,
-    simpler: tuple[str, ...] = (),
-    means: tuple[tuple[str, float], ...] = (),
-) -> Resolved:
-    """Return what a search of a candidate settled on; what it frees is free by default."""
-    c = candidate
-    free, steps = c.free if free is None else free, c.steps if steps is None else steps
-    return Resolved(
-        c.kind, c.location, c.family, c.shape, effect, free, steps, c.also, grid, simpler, means=means
-    )
 
 
 @dataclass(frozen=True)
@@ -192,7 +185,7 @@ class Imbalance(Searched):
         along = np.array([np.cos(phase), np.sin(phase)])
         across = np.array([-along[1], along[0]])
         by = np.column_stack([along, size * self.steps[1] * across])
-        return resolved_as(self, effect), by, np.array([size, 0.0]), True
+        return recast(Resolved, self, {"effect": effect}), by, np.array([size, 0.0]), True
 
 
 @dataclass(frozen=True)
@@ -246,7 +239,8 @@ class LeakHypothesis(Candidate):
         by[:, 1:] *= np.array(self.steps[1:])
         raw = np.einsum("ij,ij->j", columns @ by, columns @ by)
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
-        leak = resolved_as(self, effect, grid=2, means=tuple((n, 0.0) for n in self.free[1:]))
+        means = tuple((n, 0.0) for n in self.free[1:])
+        leak = recast(Resolved, self, {"effect": effect, "grid": 2, "means": means})
         ratio = max(rate, 0.0) * float(theta @ slope)
         estimate = np.array([rate, 0.0, 0.0, 0.0])
         freedom = 4 if place.any() else 1
@@ -283,3 +277,163 @@ def moments(mass: float, place: np.ndarray, columns: int) -> np.ndarray:
     by[0, 0], by[1:, 0] = 1.0, place
     by[1:, 1:] = mass * np.eye(d)
     return by[:columns]
+
+
+IDLE = 1e-6  # [of the motion's unit] of what does not move
+
+
+@dataclass(frozen=True)
+class ThresholdHypothesis(Searched):
+    """A strength, ``free``, that acts beyond or below a threshold which the recording has to tell.
+
+    The threshold is the parameter ``field``: the torque that crosses a gap, the rate below which a wheel
+    sticks, the room a slosh mass has. It is tried at ``shares`` of the rms of what it is compared with: of
+    the states' ``motion`` (torque, rate, place), the coordinates from ``first`` up to, not with, ``last``.
+    """
+
+    field: str = ""
+    shares: tuple[float, ...] = ()
+    motion: Literal["tau", "v", "q"] = "tau"
+    first: int = 0
+    last: int = 1
+
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
+        """Return the derivatives by the strength, per step, at each threshold."""
+        mine = self.instance(changes.point)
+        strength = next(p.value for p in mine.parameters() if p.name == self.free[0])
+        found = []
+        for threshold in self._thresholds(changes):
+            plain = mine.model_copy(update={self.field: threshold})
+            more = plain.with_values({self.free[0]: strength + self.steps[0]})
+            found.append(changes.effect(plain, more, 1.0))
+        return found
+
+    def scored(self, found: Fit, own: Projected) -> Score:
+        """Return the score at the threshold that explains most."""
+        shapes = [Shape((k,), t) for k, t in enumerate(self._thresholds(found.changes))]
+        return best_shape(self, found, own, shapes)
+
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
+        """Return the strength at the threshold that is the shape's label, known no better than that."""
+        assert self.effect is not None
+        prior = {**self.effect.prior, self.field: shape.label}
+        effect = self.effect.model_copy(update={self.field: shape.label, "prior": prior})
+        own = recast(Resolved, self, {"effect": effect})
+        return own, np.eye(1), coefficients, float(coefficients[0]) > 0.0
+
+    def _thresholds(self, changes: Sensitivities) -> list[float]:
+        motion = getattr(changes.run.states, self.motion)[:, self.first : self.last]
+        size = float(np.sqrt(np.mean((motion**2).sum(axis=1))))
+        return [max(s * size, IDLE) for s in self.shares]
+
+
+STRONG = THRESHOLDS.vertical_seen
+NORMALS = 8  # directions of the orbit's normal that are tried then
+DIRECTIONS = 100  # of the vertical, over half a sphere
+SMALL = 1e-5  # [rad] step of a difference
+
+
+def _fields() -> np.ndarray:
+    """Orthonormal symmetric matrices (5, 3, 3) without trace."""
+    off = [
+        np.outer(a, b) + np.outer(b, a) for a, b in zip(np.eye(3), np.roll(np.eye(3), 1, axis=0), strict=True)
+    ]
+    plain = [np.diag([1.0, -1.0, 0.0]), np.diag([1.0, 1.0, -2.0])]
+    return np.array([m / np.linalg.norm(m) for m in (*off, *plain)])
+
+
+FIELDS = _fields()
+
+
+def coefficients(vertical: np.ndarray) -> np.ndarray:
+    """Return the field ``3 r r' - 1`` of a vertical (3,) of any length in terms of `FIELDS` (5,)."""
+    r = vertical / np.linalg.norm(vertical)
+    return np.einsum("kij,i,j->k", FIELDS, 3.0 * r, r)
+
+
+@dataclass(frozen=True)
+class GravityGradientHypothesis(Candidate):
+    """A gravity gradient; ``free`` are the gradient and the rotation vector of its orbit."""
+
+    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
+        """Return the derivatives by the field's five coefficients, per step of the gradient."""
+        bodies = Bodies(changes.model.pin)
+
+        def along(states: States) -> np.ndarray:
+            return self.steps[0] * np.array([bodies.tide(q, FIELDS) for q in states.q])
+
+        middle, at = along(changes.run.middle), along(changes.run.states)
+        return [changes.force(middle[:, k], at[:, k]) for k in range(len(FIELDS))]
+
+    def scored(self, found: Fit, own: Projected) -> Score:
+        """Return the score of the vertical that explains most, and where the motion tells, of its turning."""
+        own_effect = cast(GravityGradient, self.effect)
+        gram, slope = own.left.T @ own.left, own.left.T @ found.residual
+
+        def worth(vertical: np.ndarray) -> float:
+            x = coefficients(vertical)
+            return -(max(float(x @ slope), 0.0) ** 2) / max(float(x @ gram @ x), 1e-300)
+
+        starts = sorted(_half_sphere(DIRECTIONS), key=worth)[:2]
+        vertical = min((minimize(worth, s, method="Nelder-Mead") for s in starts), key=lambda r: r.fun).x
+        vertical /= np.linalg.norm(vertical)
+        x = coefficients(vertical)
+        size = float(x @ slope) / max(float(x @ gram @ x), 1e-300)
+        ratio = max(size, 0.0) * float(x @ slope)
+        normals = _square_to(vertical, NORMALS)
+        effects = [
+            own_effect.model_copy(update={"nadir": tuple(vertical.tolist()), "normal": tuple(n.tolist())})
+            for n in normals
+        ]
+        effect = effects[0] if ratio < STRONG else self._turning(found, effects, size * self.steps[0])
+        moved = [np.cross(h, vertical) for h in SMALL * np.eye(3)]
+        ends = [coefficients(vertical + d) - coefficients(vertical - d) for d in moved]
+        turned = [size * d / (2.0 * SMALL) for d in ends]
+        by = np.column_stack([x, *(c * s for c, s in zip(turned, self.steps[1:], strict=True))])
+        raw = np.einsum("ij,ij->j", own.columns @ by, own.columns @ by)
+        _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
+        freedom = min(3, int((values > EXCITED).sum()))  # about itself, a vertical does not turn
+        estimate = np.array([size, 0.0, 0.0, 0.0])
+        excited = float(np.sort(values)[-3]) if freedom == 3 else 0.0
+        settled = recast(Resolved, self, {"effect": effect})
+        return Score(settled, ratio, freedom, estimate, covariance, excited, own.left @ by, own.taken @ by)
+
+    def _turning(self, found: Fit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
+        """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""
+        changes = [self._turned(found, e.model_copy(update={"gradient": gradient})) for e in effects]
+        (own,) = found.projected([propagate(found.run, changes).reshape(-1, len(effects))])
+        left = found.residual[:, None] - own.left
+        return effects[int(np.argmin(np.einsum("ij,ij->j", left, left)))]
+
+    def _turned(self, found: Fit, effect: GravityGradient) -> Sensitivity:
+        """Return what a field does whose vertical turns: what the parts do, as much of each as there is."""
+        size, run, parts = effect.gradient / self.steps[0], found.run, changes_of(found, self)
+        middle = np.stack([c.middle for c in parts if c.middle is not None])
+        at = np.stack([c.at for c in parts if c.at is not None])
+        return Sensitivity(
+            size * np.einsum("nk,knv->nv", over_time(effect, run.middle.time), middle),
+            size * np.einsum("nk,knv->nv", over_time(effect, run.states.time), at),
+        )
+
+
+def over_time(effect: GravityGradient, times: np.ndarray) -> np.ndarray:
+    """Return the field over its gradient at times (N,) in terms of `FIELDS`: (N, 5)."""
+    down, ahead = effect.vertical(0.0), effect.vertical(0.5 * np.pi / effect.rate)
+    angle = effect.rate * times[:, None]
+    r = np.cos(angle) * down + np.sin(angle) * ahead
+    return np.einsum("kij,ni,nj->nk", FIELDS, 3.0 * r, r)
+
+
+def _half_sphere(n: int) -> np.ndarray:
+    """Return n directions (n, 3) spread evenly over half a sphere: a vertical up or down is the same."""
+    k = np.arange(n) + 0.5
+    z, angle = k / n, np.pi * (1.0 + 5.0**0.5) * k
+    return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z])
+
+
+def _square_to(vertical: np.ndarray, n: int) -> np.ndarray:
+    """Return n directions (n, 3) around a vertical (3,), square to it."""
+    first = np.cross(vertical, np.eye(3)[np.argmin(np.abs(vertical))])
+    first /= np.linalg.norm(first)
+    angle = 2.0 * np.pi * np.arange(n)[:, None] / n
+    return np.cos(angle) * first + np.sin(angle) * np.cross(vertical, first)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import chain, count
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.stats import chi2
@@ -22,6 +23,7 @@ from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
+T = TypeVar("T", bound="Candidate")
 EXCITED = THRESHOLDS.excited
 NOTHING = 1e-18  # share of the most that a parameter of a candidate tells, below which it does nothing
 
@@ -171,6 +173,11 @@ class Candidate:
             return False
         (p,) = (p for p in self.effect.parameters() if p.name == self.free[0])
         return p.value in (p.lower, p.upper)
+
+
+def recast(cls: type[T], candidate: Candidate, changes: Mapping[str, Any]) -> T:
+    """Return a candidate as one of another class, with changes."""
+    return cls(**{f.name: getattr(candidate, f.name) for f in fields(Candidate)} | dict(changes))
 
 
 def linear_torques(

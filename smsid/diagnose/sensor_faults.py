@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose.attitude_rounding import step_of
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import SimulationError
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.map_estimate import Fit
 from smsid.estimation.measurements import ChannelSlice, Measured
 
 STUCK_RUN = THRESHOLDS.stuck_run
@@ -25,7 +27,7 @@ class Fault:
     [unit of the channel; of an attitude, 1: that of its quaternion's components], ``sigma`` its standard
     deviation; ``samples`` (N, rows) marks what to leave out.
     ``doubtful`` is one that reads in steps that show: what seems stuck may rest, see
-    `smsid.diagnose.stationary_channels`.
+    `smsid.diagnose.sensor_faults`.
     """
 
     kind: str
@@ -166,3 +168,92 @@ def inflate_for_quantisation(data: Measured, rounded: Sequence[Fault]) -> Measur
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+HELD = THRESHOLDS.at_rest
+
+
+def resting_channels(found: Fit, whole: Measured, faults: Sequence[Fault]) -> list[Fault]:
+    """Return the doubtful faults among ``faults`` that are none: the model predicts that the channel rests.
+
+    ``found`` was fitted without their samples, and to some of ``whole`` as they were recorded. The samples of
+    each are filtered again, and rest where they fit the motion that all other channels tell.
+    """
+    return [f for f in faults if f.doubtful and _fits(found, whole, f)]
+
+
+def _fits(found: Fit, whole: Measured, fault: Fault) -> bool:
+    problem = found.problem
+    kept = np.searchsorted(whole.times, problem.data.times)
+    values = np.where(fault.samples[kept], whole.values[kept], problem.data.values)
+    data = replace(problem.data, values=values)
+    try:
+        run = run_filter(found.point.model(), replace(problem, data=data))
+    except SimulationError:
+        return False
+    more = float((run.innovations**2).sum() - (found.run.innovations**2).sum())
+    return more < HELD**2 * (run.samples - found.run.samples)
+
+
+ROWS = 60  # readings that are looked at
+FIRST = 6  # of them: when most of these are on no grid, it is left at that
+ENOUGH = 8  # readings that have to tell the step
+ALL = 0.95  # share of the readings that lie on the grid: the rest may be outliers
+WITHIN = 2.0  # steps within which the lengths of rounded unit quaternions are: each is within one of it
+PRECISIONS = (2e-12, 2e-7)  # of double and of single numbers, a few roundings of them
+FINEST = 30_000  # steps to a unit
+COARSEST = 0.5  # step above which a few exact attitudes, at right angles to each other, pass for rounded
+
+
+def step_of(quaternions: np.ndarray, least: float) -> tuple[float, float] | None:
+    """Return the step [1] of unit quaternions (N, 4) and its standard deviation; ``None`` where there is none
+    or it is below ``least``, at 0.5 or above, or finer than 1 / 30,000.
+
+    Rounded to a step s, a quaternion is n s with n whole; normalised again, it still has the direction of n.
+    The smallest n of each reading is found by trial, as one ratio's denominator after the other; their
+    lengths are 1 / s within one, or that divided by a common factor.
+    """
+    if len(quaternions) < ENOUGH:
+        return None
+    distinct = quaternions[np.append(True, (np.diff(quaternions, axis=0) != 0.0).any(axis=1))]
+    some = distinct[np.unique(np.linspace(0, len(distinct) - 1, ROWS).astype(int))]
+    if len(some) < ENOUGH:
+        return None
+    largest = int(min(1.0 / max(least, 1e-12), FINEST))
+    for precision in PRECISIONS:
+        first = some[:: max(1, len(some) // FIRST)]
+        if np.isnan([_length(q, largest, precision) for q in first]).mean() > 0.5:
+            continue
+        found = _common(np.array([_length(q, largest, precision) for q in some]))
+        if found is not None:
+            return found
+    return None
+
+
+def _length(q: np.ndarray, largest: int, precision: float) -> float:
+    """Return the length of the shortest whole vector that has the direction of ``q``, up to ``largest``."""
+    top = np.abs(q).max()
+    times = np.arange(1.0, largest + 1.0)
+    off = np.zeros(largest)
+    for ratio in q / top:
+        at = ratio * times
+        off = np.maximum(off, np.abs(at - np.round(at)))
+    whole = np.flatnonzero(off < precision * times)
+    return float(times[whole[0]] / top) if len(whole) else np.nan
+
+
+def _common(lengths: np.ndarray) -> tuple[float, float] | None:
+    """Return the step and its standard deviation that lengths (N,) have in common."""
+    seen = lengths[np.isfinite(lengths)]
+    if len(seen) < ENOUGH:
+        return None
+    length = float(np.median(seen[seen > 0.7 * seen.max()]))
+    factor = np.round(length / seen)
+    near = np.abs(factor * seen - length) < WITHIN
+    own = seen[near & (factor == 1.0)]
+    if len(own) < ENOUGH or np.count_nonzero(near) < ALL * len(lengths):
+        return None
+    step = 1.0 / float(own.mean())
+    if step >= COARSEST:
+        return None
+    return step, max(step**2 * float(own.std()), 1e-6 * step)  # those of a slow turn are all alike

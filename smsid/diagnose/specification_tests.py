@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import logging
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +13,10 @@ from scipy.stats import chi2
 
 from smsid.diagnose.score_test import EXCITED
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.estimation.map_estimate import Fit
+from smsid.errors import SmsidError
+from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.map_estimate import Fit, continued, fit
+from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
 
@@ -87,6 +92,14 @@ def equations_of(found: Fit) -> list[Equation]:
         for group in (model.modes, model.further_modes)
         for name, kq, kv in zip(group.names, group.q, group.v, strict=True)
     ]
+
+
+def is_at(place: str, other: str) -> bool:
+    """Return whether one place is the other, a component of its channel or a channel of its sensor, or may be
+    it: what acts on the bus (empty) may be anything.
+    """
+    inner = place.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{place}[", f"{place}."))
+    return not other or place == other or inner
 
 
 def _log_chance(ratio: float, freedom: int) -> float:
@@ -249,3 +262,133 @@ def _channels(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
         if block.quantity != "attitude":
             out.append((block.channel, "its own value", [reading(r, values[:, r]) for r in rows]))
     return out
+
+
+WAY = "the way since it turned"
+WIDTHS = (0.003, 0.01, 0.03, 0.1, 0.3)  # ways over which the torque turns round, over the joint's travel
+SEEN = 1e-6  # share of a column's information that the fitted parameters leave of one that is tested
+REST = 1e-9  # [rad] travel of a joint that does not move
+
+
+def memory(found: Fit, locations: Iterable[str]) -> list[SpecificationTest]:
+    """Return the test for memory of every arm joint at ``locations`` (or channels with it in brackets): does
+    its torque depend on the way since it last turned back (hysteresis)?
+
+    No law of rate and angle has that; causes that are not there stand in for it piece by piece.
+
+    Its column is a torque that follows the angle as Dahl's friction does, over the width that explains most.
+    """
+    model, run = found.changes.model, found.run
+    places = set(locations)
+    tests: list[tuple[str, list[np.ndarray], list[np.ndarray], int]] = []
+    for name, kq, kv in zip(model.arm_joints.names, model.arm_joints.q, model.arm_joints.v, strict=True):
+        here = any(p == name or p.endswith(f"[{name}]") for p in places)
+        if not here or int(kv) in found.problem.locked:
+            continue
+        angle, middle = run.states.q[:, kq], run.middle.q[:, kq]
+        travel = float(np.ptp(angle))
+        if travel > REST:
+            laws = [hysteresis(angle, middle, w * travel) for w in WIDTHS]
+            tests.append((name, [a for a, _ in laws], [m for _, m in laws], int(kv)))
+    if not tests:
+        return []
+    changes = [c for _, at, middle, kv in tests for c in force_on(found, kv, at, middle)]
+    whitened = propagate(run, changes).reshape(-1, len(changes))
+    left = found.left(whitened)
+    raw = np.einsum("ij,ij->j", whitened, whitened)
+    own = np.einsum("ij,ij->j", left, left)
+    seen = own > SEEN * raw
+    ratios = np.where(seen, (left.T @ found.residual) ** 2 / np.where(seen, own, 1.0), 0.0)
+    best = ratios.reshape(len(tests), len(WIDTHS)).max(axis=1)
+    return [
+        SpecificationTest(f"torque of {n}", WAY, float(r), 1, len(WIDTHS), n)
+        for (n, *_), r in zip(tests, best, strict=True)
+    ]
+
+
+def hysteresis(angle: np.ndarray, middle: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return Dahl's friction of size 1 at ``angle`` (N,) and at ``middle`` (N - 1,) between them [rad].
+
+    ``dz / dangle = (1 - z sign(rate)) / width``, from rest with nothing held. Source: Dahl, A solid friction
+    model, Aerospace Corporation TOR-0158(3107-18)-1 (1968).
+    """
+    way = np.empty(2 * len(angle) - 1)
+    way[::2], way[1::2] = angle, middle
+    z = np.zeros_like(way)
+    for k, step in enumerate(np.diff(way)):
+        towards = np.sign(step)
+        z[k + 1] = towards + (z[k] - towards) * np.exp(-abs(step) / width)
+    return z[::2], z[1::2]
+
+
+LOGGER = logging.getLogger(__name__)
+CHANCE = "chance"
+DOUBTED = 3  # inputs that are tried
+LOUD = 30.0  # variance of the noise tried, over that to which one sample of the input is known by itself
+NEAR = 3.0  # gain of the log-posterior below which a fit is near enough for a likelihood
+
+
+def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
+    """Return the test for noise of the inputs most in doubt, the most significant first.
+
+    ``found`` is the fit of the nominal parameters. The ratio of each is what noise on it gains, with the
+    parameters fitted again: else they have bent to it, and a neighbour of the noisy joint looks as noisy.
+    """
+    inputs = [e for e in equations_of(found) if e.driven]
+    rest = continued(found, iterations=4, enough=NEAR).objective
+    index = [e.v[0] for e in inputs]
+    slope, known = disturbances(found.run)
+    doubt = (slope[:, index] ** 2).sum(axis=0) / np.maximum(known[:, index].sum(axis=0), 1e-300)
+    tests = []
+    for i in np.argsort(-doubt)[:DOUBTED]:
+        name, dof = inputs[i].name, index[i]
+        problem = with_unknown(found.problem, found.run, [dof])
+        try:
+            noisy = fit(found.point, found.unknowns, problem, iterations=4, enough=NEAR)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("noise of %s is not tried: %s", name, error)
+            continue
+        ratio = max(0.0, 2.0 * (rest - noisy.objective))
+        tests.append(SpecificationTest(name, CHANCE, ratio, 1, len(inputs), inputs[i].location))
+    return sorted(tests, key=lambda b: b.order)
+
+
+def with_unknown(
+    problem: Problem, run: FilterRun, dofs: Sequence[int], lost: Collection[str] = (), *, held: int = 1
+) -> Problem:
+    """Return a problem with noise on inputs that hides what a run tells of them (`LOUD`), and without the
+    readings of channels or components ``lost``.
+
+    Noise is white: of an input that is wrong in one way for so many samples, ``held``, more is needed.
+    """
+    data, (_, known) = problem.data, disturbances(run)
+    loud = tuple((d, float(np.sqrt(held * LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
+    out = np.zeros(data.values.shape, dtype=bool)
+    for block in data.blocks:
+        out[:, block.rows] = [block.channel in lost or name in lost for name in block.names]
+    out[list(run.begins)] = False  # where the filter begins is read from there
+    noise = replace(problem.noise, more=(*problem.noise.more, *loud))
+    return replace(problem, data=data.without(out), noise=noise)
+
+
+def disturbances(run: FilterRun) -> tuple[np.ndarray, np.ndarray]:
+    """Return the slope of the log-likelihood by a generalised force held over an interval, and its variance
+    where nothing disturbs: (N - 1, nv) each.
+
+    Source: de Jong and Penzer, J. Am. Stat. Assoc. 93 (1998) 796, after Bryson and Frazier.
+    """
+    n, nv = len(run.innovations), run.middle_inverse.shape[1]
+    slope, known = np.zeros((2, n - 1, nv))
+    by_state, information = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
+    one = np.eye(2 * nv)
+    for k in range(n - 1, 0, -1):
+        white = run.whitening[k] @ run.sensitivity[k]
+        kept = one - run.gain[k] @ run.sensitivity[k]
+        by_state = kept.T @ by_state + white.T @ run.innovations[k]
+        information = kept.T @ information @ kept + white.T @ white
+        by_force = run.forcing[k - 1] @ run.middle_inverse[k - 1]
+        slope[k - 1] = by_force.T @ by_state
+        known[k - 1] = np.einsum("ij,ij->j", by_force, information @ by_force)
+        f = run.transition[k - 1]
+        by_state, information = f.T @ by_state, f.T @ information @ f
+    return slope, known

@@ -20,12 +20,17 @@ from smsid.diagnose.noise_covariance import (
     strays_by_row,
     with_levels,
 )
-from smsid.diagnose.open_loop_check import unexplained_fraction
+from smsid.diagnose.open_loop import unexplained_fraction
 from smsid.diagnose.score_test import Candidate, Score
-from smsid.diagnose.specification_tests import PAST, SpecificationTest, adequacy, band_tests
+from smsid.diagnose.specification_tests import (
+    PAST,
+    SpecificationTest,
+    adequacy,
+    band_tests,
+    unknown_input_tests,
+)
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.unknown_input_test import unknown_input_tests
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -43,11 +48,11 @@ class Search:
 
     ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
     model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
-    fitted; with ``misfit`` they count what the model cannot follow. ``normalised_rmse`` are rms of the
-    prediction errors over the stated noise, before and after, ``strays`` (rows,) those of every component.
+    fitted, ``factors`` (rows,) by component; with ``misfit`` they count what the model cannot follow.
+    ``normalised_rmse`` are rms of the prediction errors over the stated noise, before and after.
     ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
     in steps.
-    ``failed`` says in sentences what could not be done for numerical reasons.
+    ``failed`` says in sentences what could not be done for numerical reasons, or was taken as unknown.
     """
 
     nominal: Fit
@@ -65,7 +70,7 @@ class Search:
     levels: DetectionThresholds = field(default_factory=DetectionThresholds)
     coarse: frozenset[str] = frozenset()
     failed: tuple[str, ...] = ()
-    strays: tuple[np.ndarray, np.ndarray] = (np.ones(0), np.ones(0))
+    factors: np.ndarray = field(default_factory=lambda: np.ones(0))
     bands: tuple[SpecificationTest, ...] = ()
 
     @property
@@ -104,9 +109,10 @@ def search(
     clock = [time.process_time()]
     state = _begun(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
-    while state.guarded("looking for a further cause", state.forward_step):
-        pass
-    state.guarded("judging the causes beside each other", state.close)
+    _look(state)
+    unknown = state.fitted.unknown
+    if unknown and state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
+        _look(state)
     blocks = _reconsidered(state, coarse)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
@@ -120,9 +126,15 @@ def search(
         (state.normalised_rmse, normalised_rmse(state.current.run, state.fitted.factors)),
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
         levels, coarse, tuple(state.failed),
-        (state.strays, strays_by_row(state.current.run, state.fitted.factors)),
+        state.fitted.factors,
         tuple(band_tests(state.current, state.fitted.factors)),
     )  # fmt: skip
+
+
+def _look(state: State) -> None:
+    while state.guarded("looking for a further cause", state.forward_step):
+        pass
+    state.guarded("judging the causes beside each other", state.close)
 
 
 def _begun(
@@ -180,7 +192,7 @@ def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTe
         larger = with_further(state.current, state.causes)
         again = () if larger is None else (*state.held, *adequacy(larger))
         if larger is not None and not _unexplained(state, again, coarse):
-            state.enlarge(larger)
+            state.take(larger)
             blocks = again
     if state.fitted.misfit or not _unexplained(state, blocks, coarse):  # else no cause is named anyway
         left_out = state.guarded("leaving out needless causes", state.prune)

@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, reaction_forces, unit_response
-from smsid.diagnose.profiled_hypothesis import Searched, Settled, Shape, best_shape, resolved_as
-from smsid.diagnose.score_test import Score
+from smsid.diagnose.profiled_hypothesis import Resolved, Searched, Settled, Shape, best_shape
+from smsid.diagnose.score_test import Score, recast
 from smsid.effects.appendage import Mode
 from smsid.effects.beam_mode import BeamMode
 from smsid.estimation.map_estimate import Fit, Projected
@@ -127,7 +127,7 @@ class HigherMode(Searched):
             damping=zeta,
         )
         free = tuple(f"{self.name}.{key}" for key in ("factor", "frequency", "damping"))
-        own = resolved_as(self, effect, free=free, steps=STEPS)
+        own = recast(Resolved, self, {"effect": effect, "free": free, "steps": STEPS})
         by = np.array([[1.0, 0.0, 0.0]])
         return own, by, np.array([float(coefficients[0]), 0.0, 0.0]), bool(coefficients[0] > 0.0)
 

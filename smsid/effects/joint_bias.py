@@ -142,3 +142,7 @@ class JointCable(JointEffect, Starting):
 
         if stiffness:
             assembly.add_force(force, ((index,), ()))
+
+    def counterpart(self, limits: Mapping[str, float]) -> Counterpart:
+        """Return the spring, at rest where the joint is zero, and a constant torque."""
+        return Counterpart({self.joint: 1.0}, torque=self.stiffness * self.rest, stiffness=self.stiffness)

@@ -119,10 +119,13 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
     """
     own = urdf_bodies(model.description)
     joints = {name: k for k, name in enumerate(list(model.pin.names)[1:])}
-    free = {name: theta for name, theta in own.items() if theta[0] > 0.0}
+    free = {name: theta for name, theta in own.items() if theta[0] > 0.0 and name in joints}  # none held
     starts = {name: factor(_with_extent(theta)) for name, theta in free.items()}
-    notes = [f"'{n}' has no mass in the URDF and none in the export" for n in own if n not in free]
+    notes = [f"'{n}' has no mass in the URDF and none in the export" for n in own if not own[n][0] > 0.0]
     rows, target, sigma = _equations(model, estimate)
+    of_effects = {p.name for e in model.description.effect for p in e.parameters()}
+    if not len(target) and all(p.name in of_effects for p in estimate.parameters):
+        return IdentifiedBodies(own, 0.0, 0, (*notes, "no body was estimated: they stay as described"))
     if not len(target):
         raise DescriptionError(
             f"The estimate '{estimate.description}' has no inertial combination of "

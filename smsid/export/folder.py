@@ -95,7 +95,7 @@ def _written(
     bodies = None
     if estimate is not None:
         found, notes = with_estimate(description, estimate)
-        bodies = identified_bodies(_equations_of(found), estimate)
+        bodies = identified_bodies(_equations_of(found, estimate.held), estimate)
         notes += bodies.notes
     stem = description.name
     said = {e.name for e in found.effect}
@@ -114,9 +114,9 @@ def _written(
     return sorted(p.name for p in folder.iterdir()), bodies, notes
 
 
-def _equations_of(description: Description) -> SpacecraftModel:
+def _equations_of(description: Description, held: Mapping[str, float] | None = None) -> SpacecraftModel:
     """Return a model for its inertial parameters: links of a welded arm need not be fit to be simulated."""
-    return build_model(description) if description.root == "free" else rigid_arm(description)
+    return build_model(description) if description.root == "free" else rigid_arm(description, held)
 
 
 def _urdfs(d: Description, folder: Path, target: Path, bodies: dict[str, np.ndarray] | None) -> Description:

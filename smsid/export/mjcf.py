@@ -15,6 +15,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pinocchio as pin
 
+from smsid.effects.gear import servos_of
 from smsid.effects.inertial_parameters import move_parameters, parameters_to_matrix, pseudo_inertia
 from smsid.effects.joint_state import Counterpart
 from smsid.errors import DescriptionError
@@ -30,8 +31,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
 
     Springs, dampers and rotor inertias are exact; Coulomb friction becomes MuJoCo's dry friction, which has
     no smoothing, and other laws what comes closest to them, as comments in the text say (`counterparts`); a
-    motor of several joints is a tendon, a joint that follows another an equality constraint, a torque offset
-    an actuator of constant torque.
+    motor of several joints is a tendon, a servo that damps the rate a position actuator, a joint that follows
+    another an equality constraint, a torque offset an actuator of constant torque.
     Limits of wheels, joints and thrust bound the controls. MuJoCo's free joint has linear velocity in
     inertial and angular velocity in body axes. A keyframe ``home`` holds the description's arm angles.
 
@@ -46,7 +47,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
         zip(model.spring_v.tolist(), zip(model.stiffness, model.damping, strict=True), strict=True)
     )
     forces = counterparts(model)
-    dry, damping_of, armature = _single_joints(model, forces)
+    dry, stiffness_of, damping_of, armature = _single_joints(model, forces)
     links = body_names(p)
     names = links if len(set(links)) == len(links) else tuple(list(p.names)[1:])
     own = "world_link"
@@ -73,7 +74,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
             extra = f' pos="{numbers(at)}"' if at.any() else ""
             extra += f' armature="{numbers(armature[k])}"' if armature[k] > 0.0 else ""
             extra += f' frictionloss="{numbers(dry[k])}"' if dry[k] > 0.0 else ""
-            damping += damping_of[k]
+            stiffness, damping = stiffness + stiffness_of[k], damping + damping_of[k]
             lines.append(
                 f'{indent}<joint name={quoteattr(_joint_name(p, j, i))} type="{kind}" axis="{numbers(axis)}" '
                 f'stiffness="{numbers(stiffness)}" damping="{numbers(damping)}"{extra}{_range(p, j)}/>'
@@ -175,22 +176,24 @@ def counterparts(model: SpacecraftModel) -> dict[str, Counterpart]:
 
 def _single_joints(
     model: SpacecraftModel, forces: Mapping[str, Counterpart]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return dry friction, further damping and rotor inertia (nv,) that joints have by themselves.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return dry friction, further stiffness, damping and rotor inertia (nv,) of joints by themselves.
 
     The rotor of a sum of joints goes with its tendon.
     """
     p = model.pin
-    dry, damping, armature = np.zeros(p.nv), np.zeros(p.nv), np.array(p.armature)
+    dry, stiffness, damping = np.zeros((3, p.nv))
+    armature = np.array(p.armature)
     for force in forces.values():
         for joint, weight in force.weights.items():
             k = p.joints[p.getJointId(joint)].idx_v
             if len(force.weights) == 1:
                 dry[k] += force.dry
+                stiffness[k] += force.stiffness
                 damping[k] += force.damping
             else:
                 armature[k] -= weight**2 * force.inertia
-    return dry, damping, armature
+    return dry, stiffness, damping, armature
 
 
 def _tendons(forces: Mapping[str, Counterpart]) -> list[str]:
@@ -245,11 +248,17 @@ def _actuators(model: SpacecraftModel, forces: Mapping[str, Counterpart]) -> lis
             gear = numbers(np.eye(6)[k])
             lines.append(f'    <motor name="thrust.{axis}" site="thrust" gear="{gear}"{bound}/>')
     own = {w.joint or w.name: w.max_torque for w in d.wheel}
+    servos = {joint: s for joint, s in servos_of(d.effect).items() if s.damps == "rate"}
     for group in (model.wheels, model.arm_joints):
         for name, v in zip(group.names, group.v.tolist(), strict=True):
             effort = float(p.upperEffortLimit[v])
             limit = own.get(name, effort if 0.0 < effort < 1e6 else None)
-            lines.append(f"    <motor name={quoteattr(name)} joint={quoteattr(name)}{_bound(limit)}/>")
+            kind, more = "motor", _bound(limit)
+            if servo := servos.get(name):
+                limit = limit if servo.limit is None else servo.limit
+                kind, more = "position", f' kp="{numbers(servo.stiffness)}" kv="{numbers(servo.damping)}"'
+                more += _bound(limit).replace("ctrl", "force")
+            lines.append(f"    <{kind} name={quoteattr(name)} joint={quoteattr(name)}{more}/>")
     for effect, force in forces.items():
         if force.torque != 0.0:
             joint, *others = force.weights

@@ -54,6 +54,10 @@ class Iteration:
     step: float | None
 
 
+HELD = "held joint "
+"""How the name of a condition begins that is the position of a held joint."""
+
+
 @dataclass(frozen=True, repr=False)
 class Estimate:
     """An identified spacecraft, arm or structure; its parameters have names of their own.
@@ -115,6 +119,11 @@ class Estimate:
 
     def __len__(self) -> int:
         return len(self.parameters)
+
+    @property
+    def held(self) -> dict[str, float]:
+        """Return the positions [rad | m] of joints that were held: what is beyond them is part of links."""
+        return {k.removeprefix(HELD): x for k, x in self.conditions.items() if k.startswith(HELD)}
 
     def __bool__(self) -> bool:
         return True

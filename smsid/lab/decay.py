@@ -7,7 +7,9 @@ matrix pencil (Hua and Sarkar 1990). How many there are is Schwarz's criterion.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import hankel, svd
@@ -15,7 +17,10 @@ from scipy.optimize import least_squares
 
 from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError
-from smsid.identify.estimate import Estimate, classify
+from smsid.identify.estimate import Estimate, ParameterEstimate, classify
+
+if TYPE_CHECKING:
+    from smsid.lab.modal import AmbientMode
 
 MOST = 4
 """Oscillations tried at once."""
@@ -58,13 +63,16 @@ class FreeDecay:
 
     def estimate(self, name: str) -> Estimate:
         """Return it as an estimate, ``mode1.frequency`` and so on."""
-        parameters = []
-        for k, m in enumerate(self.modes, start=1):
-            parameters += [
-                classify(f"mode{k}.frequency", m.frequency, "Hz", m.frequency_sigma, "modes"),
-                classify(f"mode{k}.damping", m.damping, "1", m.damping_sigma, "modes"),
-            ]
-        return Estimate("free decay", "free decay", tuple(parameters), (name,), {}, ())
+        return Estimate("free decay", "free decay", mode_parameters(self.modes), (name,), {}, ())
+
+
+def mode_parameters(modes: Sequence[DecayMode | AmbientMode]) -> tuple[ParameterEstimate, ...]:
+    """Return ``mode1.frequency`` [Hz], ``mode1.damping`` and so on."""
+    return tuple(
+        classify(f"mode{k}.{f}", getattr(m, f), unit, getattr(m, f"{f}_sigma"), "modes")
+        for k, m in enumerate(modes, start=1)
+        for f, unit in (("frequency", "Hz"), ("damping", "1"))
+    )
 
 
 def free_decay(signal: np.ndarray, rate: float, *, highest: float | None = None) -> FreeDecay:
@@ -128,15 +136,10 @@ class _Fit:
 
     def slopes(self) -> np.ndarray:
         """Derivatives (N, 2 k) by the poles."""
-        out = []
-        for k, (decay, omega) in enumerate(self.poles):
-            a, b = self.linear[2 + 2 * k : 4 + 2 * k]
-            envelope, cos, sin = np.exp(-decay * self.t), np.cos(omega * self.t), np.sin(omega * self.t)
-            out += [
-                -self.t * envelope * (a * cos + b * sin),
-                self.t * envelope * (b * cos - a * sin),
-            ]
-        return np.column_stack(out)
+        columns, t = self.columns(), self.t[:, None]
+        (cos, sin), (a, b) = ((x[..., 2::2], x[..., 3::2]) for x in (columns, self.linear))
+        slopes = np.stack([-t * (a * cos + b * sin), t * (b * cos - a * sin)], axis=2)
+        return slopes.reshape(len(slopes), -1)
 
     def result(self, scale: float) -> FreeDecay:
         columns = self.columns()

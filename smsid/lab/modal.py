@@ -19,6 +19,7 @@ from smsid.identify.modes import Mode, Poles
 from smsid.identify.ssi_decimate import decimate, filter_length
 from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles
 from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
+from smsid.lab.decay import mode_parameters
 from smsid.lab.output_spectra import band_kurtosis, correlation_window, spectral_lines
 from smsid.lab.window_agreement import (
     RESAMPLED_ORDERS,
@@ -122,15 +123,11 @@ class AmbientModes:
 
     def estimate(self, name: str) -> Estimate:
         """Return frequencies [Hz], damping ratios and separations [Hz] as an estimate of a structure."""
-        found = []
-        for k, mode in enumerate(self.modes, start=1):
-            found.append(classify(f"mode{k}.frequency", mode.frequency, "Hz", mode.frequency_sigma, "modes"))
-            found.append(classify(f"mode{k}.damping", mode.damping, "1", mode.damping_sigma, "modes"))
-        found += [
+        gaps = [
             classify(f"mode{k + 1}.frequency - mode{k}.frequency", apart, "Hz", sigma, "modes")
             for k, (apart, sigma) in enumerate(self.separations, start=1)
         ]
-        return Estimate(name, "SSI-COV", tuple(found))
+        return Estimate(name, "SSI-COV", (*mode_parameters(self.modes), *gaps))
 
 
 def ambient_modes(

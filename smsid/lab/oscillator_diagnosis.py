@@ -194,19 +194,10 @@ def _cause(fit: OscillatorFit, term: str, test: _Test, name: str, unit: str, tri
     p = fit.estimate[f"{name}.{term}"]
     if term == "cubic" and p.value < 0.0:
         shape = "softening spring"
-    return FoundCause(
-        effect="oscillator",
-        location=name,
-        family=family,
-        shape=shape,
-        parameters=(Value(p.name, p.value, p.sigma, p.unit),),
-        aliases=(),
-        evidence={
-            "likelihood_ratio": test.ratio,
-            "freedom": 1.0,
-            "p_value": float(min(1.0, test.p_value * tried)),
-        },
-    )
+    chance = float(min(1.0, test.p_value * tried))
+    evidence = {"likelihood_ratio": test.ratio, "freedom": 1.0, "p_value": chance}
+    values = (Value(p.name, p.value, p.sigma, p.unit),)
+    return FoundCause("oscillator", name, family, shape, values, (), evidence)
 
 
 def _gain(

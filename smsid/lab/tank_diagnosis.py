@@ -26,13 +26,14 @@ def tank_diagnosis(test: TankTest, compared: TankComparison, recording: str) -> 
     fit = compared.fits[compared.named]
     causes = []
     if compared.sloshes:
-        causes.append(_cause(fit, "slosh", "slosh", "slosh mass", _ratio(compared, "slosh")))
+        ratio = float(compared.gains.get("slosh", float("nan")))
+        causes.append(_cause(fit, "slosh", "slosh", "slosh mass", ratio))
     if compared.amplitude:
-        shape = compared.named
-        causes.append(_cause(fit, "slosh_nonlinearity", "slosh", shape, _ratio(compared, shape)))
+        ratio = float(compared.gains.get(compared.named, float("nan")))
+        causes.append(_cause(fit, "slosh_nonlinearity", "slosh", compared.named, ratio))
     lag = fit.estimate["tank.lag"]
     if abs(lag.value) > NORMAL95 * lag.sigma:
-        value = Value(lag.name, lag.value, lag.sigma, lag.unit)
+        value = _value(fit.estimate, lag.name)
         ratio = (lag.value / lag.sigma) ** 2
         causes.append(
             FoundCause(
@@ -69,22 +70,16 @@ def tank_diagnosis(test: TankTest, compared: TankComparison, recording: str) -> 
     )
 
 
-def _ratio(compared: TankComparison, model: str) -> float:
-    return float(compared.gains.get(model, float("nan")))  # type: ignore[call-overload]
-
-
 def _cause(fit: TankFit, effect: str, family: str, shape: str, ratio: float) -> FoundCause:
     names = ("slosh_mass", "frequency", "damping") if effect == "slosh" else ("softening",)
     freedom = len(names)
-    return FoundCause(
-        effect,
-        "tank",
-        family,
-        shape,
-        tuple(_value(fit.estimate, f"tank.{n}") for n in names),
-        (),
-        {"likelihood_ratio": ratio, "freedom": float(freedom), "p_value": float(chi2.sf(ratio, freedom))},
-    )
+    evidence = {
+        "likelihood_ratio": ratio,
+        "freedom": float(freedom),
+        "p_value": float(chi2.sf(ratio, freedom)),
+    }
+    values = tuple(_value(fit.estimate, f"tank.{n}") for n in names)
+    return FoundCause(effect, "tank", family, shape, values, (), evidence)
 
 
 def _value(estimate: Estimate, name: str) -> Value:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from smsid.arm.comparison import JudgedArm
-from smsid.arm.units import torque_unit
+from smsid.arm.units import joint_unit
 from smsid.errors import SmsidError
 from smsid.recording import Recording
 from smsid.report.model import Provenance, Report, Section, Table, Tone, cells, notes_section
@@ -76,7 +76,7 @@ def torque_traces(found: JudgedArm, recording: Recording) -> tuple[Trace, ...]:
     for k in range(left.shape[1]):
         if not both.measured[:, k].any() and not both.predicted[:, k].any():
             continue  # its torque signal is not used
-        label, unit = f"{recording.name}: {names[k]}", torque_unit(found.model, k)
+        label, unit = f"{recording.name}: {names[k]}", joint_unit("N m", found.model, names[k])
         values = both.measured[:, k], both.predicted[:, k], left[:, k]
         out.append(Trace(label, unit, both.time, *values, float(fitted[k])))
     return tuple(out)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 from typer.testing import CliRunner
 
@@ -11,7 +14,7 @@ from smsid.description import save_description
 from smsid.effects import Gear
 from smsid.errors import RecordingError
 from smsid.identify.estimate import load_estimate
-from smsid.recording import save_recording
+from smsid.recording import Recording, save_recording
 from tests.screen import fits, shows
 
 from .mujoco_arm import DAMPING, JOINTS, described, motion, recorded
@@ -75,3 +78,39 @@ def test_cutoff_is_for_arms(tmp_path, urdf):
     save_recording(recorded(t, np.zeros((200, 3)), np.zeros((200, 3))), tmp_path / "r.nc")
     shown = run("identify", urdf / "paper_sms.toml", tmp_path / "r.nc", "--cutoff", "5")
     assert "--cutoff is for welded arms" in str(shown.exception)
+
+
+def test_joints_stand_in_the_table_without_what_their_names_share(tmp_path):
+    t, q, _, torque = motion()
+    urdf = (described().folder / described().urdf).read_text()
+    for given, shared, left in (
+        (JOINTS, "", JOINTS),
+        (("a_x_joint", "a_y_joint", "a_z_joint"), ", joints 'a_..._joint'", ("x", "y", "z")),
+    ):
+        text = urdf
+        for old, new in zip(JOINTS, given, strict=True):
+            text = text.replace(f'"{old}"', f'"{new}"')
+        (tmp_path / "arm.urdf").write_text(text)
+        channels = {"encoder.joint_position": q, "encoder.joint_torque": torque}
+        log = Recording.from_arrays(t, channels, labels={"joint": given}, role="estimation")
+        save_recording(log, tmp_path / "named.nc")
+        shown = run("identify", tmp_path / "arm.urdf", tmp_path / "named.nc", "-o", tmp_path / "e.json")
+        lines = shown.output.splitlines()
+        title = next(k for k, line in enumerate(lines) if line.startswith("torques: |predicted"))
+        told = " ".join(x.strip() for x in lines[title : title + 2]).rstrip()
+        assert told == f"torques: |predicted - measured| / |measured|{shared}"
+        assert next(line for line in lines[title:] if "all joints" in line).split()[-3:] == list(left)
+
+
+def test_a_warning_about_a_file_is_told_once(tmp_path):
+    """The command loads the URDF several times; a process of its own, as tests have handlers of theirs."""
+    t, q, _, torque = motion()
+    save_recording(recorded(t, q, torque), tmp_path / "log.nc")
+    text = (described().folder / described().urdf).read_text()
+    odd = text.replace("</joint>", '<dynamics damping="1" dampng="2"/></joint>', 1)
+    (tmp_path / "arm.urdf").write_text(odd)
+    done = subprocess.run(
+        [sys.executable, "-m", "smsid", "identify", "arm.urdf", "log.nc", "-o", "e.json"],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stderr.count("dampng") == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from smsid.arm import identify_arm, torque_scales, with_joint_effects, with_torque_gains
@@ -194,3 +195,24 @@ def test_friction_of_joints_that_turn_one_way_is_found_by_its_width(arm):
     for k, x in enumerate(COULOMB, start=1):
         own = found.estimate[f"friction_j{k}.coulomb"]
         assert abs(own.value - x) < 3.0 * own.sigma < 0.5 * x
+
+
+@pytest.mark.parametrize("size", [0.0, 0.3, 0.5])
+def test_two_stretches_of_a_misfit_agree_within_their_intervals(size):
+    """What the model lacks is a function of a slow state, and noise on top hides how long it lasts."""
+    n, beyond = 700, []
+    for draw in range(40):
+        halves = []
+        for half in range(2):
+            rng = np.random.default_rng((draw, half))
+            s = gaussian_filter1d(rng.normal(size=(n + 400, 2)), 40.0, axis=0)[200:-200]
+            v = np.gradient(s, axis=0)
+            (s1, s2), (v1, v2) = (s / s.std(axis=0)).T, (v / v.std(axis=0)).T
+            angles = [f(x) for f in (np.sin, np.cos) for x in (s1, s1 + s2)]
+            rows = np.column_stack([np.ones(n), s1, s2, v1, v2, v1**2, v1 * v2, v2**2, *angles])
+            lacking = np.sign(v1) * np.abs(s2) + np.cos(3.0 * s2)
+            errors = size * lacking + rng.normal(size=n)
+            halves.append(solve_joints(rows[:, None, :], errors[:, None]))
+        one, two = halves
+        beyond.append(np.abs(one.x - two.x) > 1.96 * np.hypot(one.sigma, two.sigma))
+    assert np.mean(beyond) < 0.08

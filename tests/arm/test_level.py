@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -80,8 +82,20 @@ def test_the_tilt_of_a_base_is_found_within_its_interval(arm):
     # what is left is noise, as it is not if the floor is taken to be level
     assert found.judge(log(turned(*truth), 9).with_role("validation")).rmse["j1"] < 0.11
     assert "it is noise" in leftover_sentences(found)[0]
+    assert not any("--level" in s for s in leftover_sentences(found))
     level = identify_arm(arm, recording)
     assert level.judge(recording).rmse["j1"] > 2.0 * found.judge(recording).rmse["j1"]
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(0.0, False), (1.0, True)])
+def test_a_floor_taken_for_level_that_is_not_is_told(arm, degrees, told):
+    lean = np.radians(degrees) * np.array([0.6, -0.8])
+    gravity = turned(*lean) if told else np.array([0.0, 0.0, -9.81])
+    hints = [s for s in leftover_sentences(identify_arm(arm, log(gravity, 4))) if "--level" in s]
+    assert len(hints) == told
+    if told:
+        about = float(re.findall(r"about ([\d.]+) degrees", hints[0])[0])
+        assert degrees / 2.0 < about < 2.0 * degrees
 
 
 def test_a_level_floor_is_found_level(arm):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from smsid.arm import identify_servos, with_joint_effects, with_servos
+from smsid.arm import identify_servos, with_joint_effects
 from smsid.arm.servo import is_of_servos
 from smsid.cli.app import app
 from smsid.description import Description
@@ -23,7 +23,7 @@ KINDS = ("joint_friction", "motor_inertia", "torque_offset")
 def arm(tmp_path) -> Description:
     (tmp_path / "two.urdf").write_text(URDF)
     bare = Description(name="two", urdf="two.urdf", folder=tmp_path, root="fixed", gravity=(0.0, 0.0, -9.81))
-    return with_servos(with_joint_effects(bare, ("j1", "j2"), *KINDS), ("j1", "j2"))
+    return with_joint_effects(bare, ("j1", "j2"), *KINDS, "servo")
 
 
 def test_gains_friction_and_rotors_are_inside_their_intervals(arm):

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from smsid.cli.app import app
+from smsid.identify.estimate import load_estimate
 from smsid.recording import load_recording, save_recording
 
 TOLD = {"arm_2_joint": 13.6, "arm_3_joint": -8.7, "arm_4_joint": -8.7}
@@ -46,3 +48,15 @@ def test_the_draft_of_three_tables_identifies_the_arm(tmp_path):
     assert max(shares) / min(shares) < 1.2  # ratios
     row = next(line for line in shown.splitlines() if "validation" in line)
     assert float(row.split()[2]) < 0.094  # least squares by hand
+    # two halves agree: at most 8 % of the parameters differ by more than their 95 %
+    for end in (50.0, 68.0):
+        middle, halves = 0.5 * (9.0 + end), []
+        for name, begin, stop in (("one", 9.0, middle), ("two", middle, end)):
+            half = log.window(begin, stop).with_role("estimation").with_name(name)
+            save_recording(half, tmp_path / f"{name}.nc")
+            run("identify", files[0], tmp_path / f"{name}.nc", "--gains", *held, "-o", tmp_path / "half.json")
+            halves.append(load_estimate(tmp_path / "half.json"))
+        one, two = halves
+        pairs = [(p, two[p.name]) for p in one.parameters]
+        z = np.array([(p.value - q.value) / np.hypot(p.sigma, q.sigma) for p, q in pairs])
+        assert np.sum(np.abs(z) > 1.96) <= 0.08 * np.sum(np.isfinite(z))

@@ -5,7 +5,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import dual_annealing
 
-from smsid.diagnose.added_joints import more_slosh
 from smsid.diagnose.added_oscillator import (
     LEAST,
     STEP,
@@ -14,6 +13,7 @@ from smsid.diagnose.added_oscillator import (
     _forces,
     oscillator_responses,
 )
+from smsid.diagnose.hypotheses import more_slosh
 from smsid.diagnose.profiled_hypothesis import Shape
 from smsid.diagnose.score_test import least_squares
 from smsid.effects import Slosh

@@ -24,7 +24,6 @@ from smsid.diagnose.change_point import (
 from smsid.diagnose.forward_step import drop_onset
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds
-from smsid.diagnose.onset_scan import events
 from smsid.diagnose.score_test import scored, signatures
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate
@@ -135,7 +134,8 @@ def test_a_scan_of_all_beginnings_gives_what_each_gives_by_itself(fitted):
     found, scores = hidden(fitted, KEY, 60.0, 3.3)
     some = [s for s in scores if s.candidate.kind in ("torque_gain", "sensor_bias", "external_wrench")]
     some += [s for s in scores if s.candidate.shape in ("coulomb", "by direction", "stribeck")]
-    scan, when = scan_onsets(found, some), events(found.run)
+    scan, when = scan_onsets(found, some), np.empty(2 * len(found.run.states.time) - 1)
+    when[::2], when[1::2] = found.run.states.time, found.run.middle.time
     assert {len(x.changes) for x in scan.values()} > {1, 2}
     compared = 0
     for own in scan.values():

@@ -1,6 +1,6 @@
 """The rounds of a search: what is done anew when the noise turns out to be finer than it was taken for."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,8 +17,18 @@ from smsid.errors import SmsidError
 FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other", "vain"))
 
 
-def candidate(key):
-    return SimpleNamespace(key=key, location=key[1], effect=None, simpler=(), holds=lambda other: False)
+def candidate(key, family="friction"):
+    return SimpleNamespace(
+        key=key, location=key[1], family=family, effect=None, simpler=(), holds=lambda other: False
+    )
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A problem as far as it is put together again."""
+
+    data: SimpleNamespace
+    noise: str
 
 
 def score_of(candidate):
@@ -97,7 +107,6 @@ def world(monkeypatch):
         "refit_noise": refitted,
         "finely_stepped": finely,
         "normalised_rmse": lambda *_: 1.0,
-        "strays_by_row": lambda *_: np.ones(1),
         "memory": lambda *_: (),
         "best_onsets": lambda *_: [],
         "is_poor_fit": lambda fit: False,
@@ -161,13 +170,61 @@ def test_a_better_fit_may_show_the_noise_as_well(world, finer):
     assert asked.scored[-1] == ("better", {OTHER: "better", VAIN: "better"})
 
 
+def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world, monkeypatch):
+    """Where it is back, misfit is counted again, and they are neither exchanged nor left out."""
+    state, asked = world
+    assert state.forward_step() and state.forward_step()
+    here = replace(state.fitted, unknown="other")
+    here.fit.unknowns, here.fit.problem = (), Whole(SimpleNamespace(rows=1), "loud")
+    state.nominal.unknowns, state.fitted = (), here
+    push = candidate(("effect", "bus", "shape"), "external")
+    state.candidates = (*state.candidates, push)
+    state._score_anew()
+    assert set(asked.scored[-1][1]) == {VAIN}  # nothing at the structure, or like it on the bus
+
+    def fitted_again(point, unknowns, problem, **_):
+        found = asked.at(problem.noise)
+        found.problem = problem
+        return found
+
+    for name, stub in {
+        "fit": fitted_again,
+        "evaluate": lambda *_: asked.at("nominal again"),
+        "with_misfit": lambda fitted: fitted,
+    }.items():
+        monkeypatch.setattr(rounds, name, stub)
+    state.candidates = state.candidates[:-1]
+    whole = Whole(SimpleNamespace(rows=1), "as stated")
+    state.current.problem = whole
+    assert state.restore(whole)
+    assert (state.current.name, state.nominal.name) == ("as stated", "nominal again")
+    assert state.fitted.misfit and not state.fitted.local and not state.fitted.unknown
+    assert set(asked.scored[-1][1]) == {OTHER, VAIN}
+    kept = []
+
+    def judged(causes, *_, settled=(), **__):
+        kept.append(set(settled))
+        return list(causes), state.current
+
+    def left_out(causes, last, nominal, levels, tried, proven):
+        kept.append(set(proven))
+        return list(causes), last
+
+    monkeypatch.setattr(rounds, "exchange_step", judged)
+    monkeypatch.setattr(rounds, "eliminate_backward", left_out)
+    state._finer = True
+    state.close()
+    assert not state.prune()
+    assert kept == [{FOUND}, {FOUND}]
+
+
 @pytest.mark.parametrize(("finer", "judged"), [(True, [True]), (False, [])])
 def test_the_only_cause_is_judged_again_where_the_noise_is_finer(world, monkeypatch, finer, judged):
     state, asked = world
     asked.finer = finer
     calls = []
 
-    def exchange_step(causes, last, nominal, candidates, levels, *, exchange, last_too):
+    def exchange_step(causes, last, nominal, candidates, levels, *, exchange, last_too, settled):
         calls.append(last_too and exchange)
         return list(causes), last
 

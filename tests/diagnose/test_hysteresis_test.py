@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.hysteresis_test import hysteresis, memory
-from smsid.diagnose.specification_tests import force_on
+from smsid.diagnose.specification_tests import force_on, hysteresis, memory
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate
 

@@ -4,9 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from smsid.diagnose.plausibility import doubts, impossible
 from smsid.diagnose.result import FoundCause, Value
-from smsid.diagnose.verdict import describe, verdict
+from smsid.diagnose.verdict import describe, doubts, impossible, verdict
 
 
 def cause(effect, family, location, name, value, sigma=1e-3, unit="1", nominal=None):

@@ -10,9 +10,9 @@ from smsid.diagnose.sensor_faults import (
     drop_samples,
     inflate_for_quantisation,
     quantised_channels,
+    resting_channels,
     stuck_channels,
 )
-from smsid.diagnose.stationary_channels import resting_channels
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import Noise, Problem, Timing

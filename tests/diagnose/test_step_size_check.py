@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from smsid.diagnose.step_size_check import SEEN, discretisation_chi2, finely_stepped
+from smsid.diagnose.forward_step import SEEN, discretisation_chi2, finely_stepped
 from smsid.estimation.map_estimate import evaluate
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.thresholds import BEGIN, END, THRESHOLDS, Thresholds, thresholds_reference
-from smsid.diagnose.torque.search import TORQUE_LEVELS
+from smsid.diagnose.torque.search import LEVELS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -29,7 +29,7 @@ def test_nobody_changes_them_on_the_way():
 
 def test_levels_are_those_of_the_table():
     assert DetectionThresholds().candidate == THRESHOLDS.candidate == 0.003
-    assert TORQUE_LEVELS.block == THRESHOLDS.torque_block == 0.001
+    assert LEVELS.block == THRESHOLDS.torque_block == 0.001
 
 
 def test_the_docs_have_the_table():

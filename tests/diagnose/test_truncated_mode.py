@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.added_joints import higher_modes
-from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.hypotheses import higher_modes, propose
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.score_test import scored, signatures
 from smsid.diagnose.truncated_mode import OFF, STEPS

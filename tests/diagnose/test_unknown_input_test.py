@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.specification_tests import force_on
-from smsid.diagnose.unknown_input_test import CHANCE, disturbances, unknown_input_tests
+from smsid.diagnose.specification_tests import CHANCE, disturbances, force_on, unknown_input_tests
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.sensitivities import propagate
 

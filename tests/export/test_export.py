@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from smsid.cli.app import app
 from smsid.description import Arm, Description, Mount, load_description
 from smsid.description.robots import robot_urdf
+from smsid.effects import JointFriction
 from smsid.errors import MissingDependencyError, SmsidError
 from smsid.export import export_folder
 from smsid.export.bodies import parse_combination, urdf_bodies
@@ -179,6 +180,18 @@ def test_a_folder_in_use_is_left_alone(tmp_path):
     with pytest.raises(SmsidError, match="not an empty folder"):
         export_folder(MACHINES["bench"](), tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_an_estimate_of_effects_alone_leaves_the_bodies_as_described(tmp_path):
+    """Servos are identified with known links: the export has their friction and gains."""
+    bare = Description(name="arm", urdf="arm3.urdf", root="fixed", folder=URDF)
+    arm = bare.with_effects(JointFriction(name="rub", joint="joint2"))
+    found = Estimate("arm", "test", (classify("rub.viscous", 2.5, "N m s/rad", 0.1, "arm"),))
+    done = export_folder(arm, tmp_path / "out", found)
+    assert done.bodies is not None and not done.bodies.combinations
+    mj = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "arm.xml"))
+    assert mj.dof_damping[1] == pytest.approx(2.5)
+    assert mj.body_mass.sum() == pytest.approx(build_model(bare).mass)
 
 
 def test_nothing_is_left_of_an_export_that_fails(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from smsid.description import Description
-from smsid.effects import JointFriction, ModalAppendage, Mode, MotorCoupling
+from smsid.effects import JointCable, JointFriction, ModalAppendage, Mode, MotorCoupling, Servo
 from smsid.errors import DescriptionError
 from smsid.export import write_mjcf
 from smsid.export.mjcf import counterparts
@@ -71,6 +71,22 @@ def test_a_coupled_motor_is_a_tendon():
         mujoco.mj_forward(mj, data)
         _, expected = to_mujoco(model, mj, q, v, model.acceleration(0.0, q, v, np.zeros(model.nv)))
         np.testing.assert_allclose(data.qacc, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("command", [0.4, 9.0])
+def test_a_cable_is_a_spring_with_an_angle_of_rest_and_a_servo_a_position_actuator(command):
+    """A servo gives at most its limit, here of 5 N m."""
+    servo = Servo(name="servo", joint="joint2", stiffness=40.0, damping=3.0, limit=5.0)
+    cable = JointCable(name="hose", joint="joint3", stiffness=700.0, rest=0.2)
+    model, mj, data = both(arm_with(servo, cable))
+    q, v = random_state(model, np.random.default_rng(1))
+    data.qpos[:], data.qvel[:] = to_mujoco(model, mj, q, v)
+    at = float(model.joint_angles(q)[1])
+    data.ctrl[:], data.ctrl[mj.actuator("joint2").id] = 0.0, at + command
+    mujoco.mj_forward(mj, data)
+    tau = np.array([0.0, min(40.0 * command - 3.0 * v[1], 5.0), 0.0])
+    _, expected = to_mujoco(model, mj, q, v, model.acceleration(0.0, q, v, tau))
+    np.testing.assert_allclose(data.qacc, expected, rtol=1e-9)
 
 
 def test_coulomb_friction_is_dry_friction_at_speed():

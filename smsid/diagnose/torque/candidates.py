@@ -12,7 +12,8 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from smsid.arm.motion import measured_channel, measured_states
+from smsid.arm.motion import measured_states
+from smsid.arm.readings import measured_channel
 from smsid.arm.units import joint_unit, slides
 from smsid.diagnose.score_test import linear_torques
 from smsid.diagnose.torque.equations import TorqueEquations

@@ -9,17 +9,15 @@ import numpy as np
 from scipy.stats import norm
 
 from smsid.description import Description
-from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Value, Verdict
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.dependence import dependences
 from smsid.diagnose.torque.equations import TorqueEquations, require_excitation, torque_equations
-from smsid.diagnose.torque.extension import extended_description
 from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
-from smsid.diagnose.torque.known import described_values, links_known, prior_of
-from smsid.diagnose.torque.search import TorqueCause, TorqueSearch, search_torques
+from smsid.diagnose.torque.known import described_values, extended_description, links_known, prior_of
+from smsid.diagnose.torque.search import LEVELS, TorqueCause, TorqueSearch, search_torques
 from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
 from smsid.effects.friction import frictions_of
@@ -46,7 +44,6 @@ def diagnose_torques(
     *,
     estimate: Estimate | None = None,
     validation: Sequence[Recording] = (),
-    levels: DetectionThresholds | None = None,
     cutoff: float | None = None,
 ) -> tuple[Diagnosis, Description, TorqueSearch]:
     """Say what the torques of an arm ask for beyond its links; with the extended description.
@@ -61,7 +58,6 @@ def diagnose_torques(
         recordings: angles and torques; all are searched together.
         estimate: standard deviations of the combinations.
         validation: recordings the gain is measured on.
-        levels: levels of significance.
         cutoff: low-pass of the motion [Hz]; default as `motion_cutoff`.
 
     Raises:
@@ -80,7 +76,7 @@ def diagnose_torques(
         )
     prior, stated, notes = prior_of(equations, estimate)
     candidates = torque_candidates(equations, recordings[0], known=links_known(equations, prior))
-    found = search_torques(equations, recordings, prior, candidates, levels)
+    found = search_torques(equations, recordings, prior, candidates)
     last = found.last
     if not found.scores and not found.causes:
         raise RecordingError(f"'{together}' excites no candidate at all.", advice="Move the joints.")
@@ -94,7 +90,7 @@ def diagnose_torques(
     searched = time.process_time()
     blocks = dependences(last)
     before = dependences(found.nominal) if found.causes else blocks
-    left = [b for b in blocks if b.p_value * len(blocks) < found.levels.block]
+    left = [b for b in blocks if b.p_value * len(blocks) < LEVELS.block]
     open_ = {b.location for b in left}
     named = tuple(cause_of(found, c, shaped=not open_ & set(c.term.candidate.joints)) for c in found.causes)
     extended, more = extended_description(last) if named else (description, ())
@@ -194,7 +190,7 @@ def _verdict(
 
 def torque_limits(found: TorqueSearch) -> tuple[Limit, ...]:
     """Return the detection limits of the candidates that were not named: 95 % power, nuisances free."""
-    needed = float(norm.isf(found.levels.candidate / max(found.candidates, 1) / 2) + norm.isf(1.0 - POWER))
+    needed = float(norm.isf(LEVELS.candidate / max(found.candidates, 1) / 2) + norm.isf(1.0 - POWER))
     out, seen = [], set()
     for s in found.scores:
         c = s.candidate

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from smsid.arm.identify import rigid_arm, structural_base, torque_rows
-from smsid.arm.motion import JointMotion, joint_angles, joint_motion, measured_states
+from smsid.arm.motion import JointMotion, even_readings, joint_motion, measured_states
 from smsid.description import Description
 from smsid.errors import RecordingError
 from smsid.identify.robust import white_sigma
@@ -134,14 +134,14 @@ def torque_equations(
     base = structural_base(model)
     every, _, _ = torque_rows(model, measured_states(motion))
     fine = every[:, :, base.independent]
-    angles = joint_angles(model, recording)
-    noise = white_sigma(angles.torque) * np.sqrt(2.0 * within / angles.rate)
+    readings, rate = even_readings(model, recording)
+    noise = white_sigma(readings.torque) * np.sqrt(2.0 * within / rate)
     return TorqueEquations(
         description, model, base, motion, fine,
         _banded(fine, motion.rate, within),
         _banded(motion.torque, motion.rate, within),
         _banded_times(motion.time, motion.rate, within),
-        within, noise, 1.0 / angles.rate, late,
+        within, noise, 1.0 / rate, late,
     )  # fmt: skip
 
 
@@ -205,17 +205,17 @@ def motion_cutoff(model: SpacecraftModel, recording: Recording) -> float:
     Raises:
         RecordingError: as `joint_motion`.
     """
-    angles = joint_angles(model, recording)
-    top = min(angles.rate / 10.0, HIGHEST)
-    sigma = white_sigma(angles.position)
+    readings, rate = even_readings(model, recording)
+    top = min(rate / 10.0, HIGHEST)
+    sigma = white_sigma(readings.position)
     for share in 0.8 ** np.arange(12):
         cutoff = float(share * top)
-        smooth = zero_phase(angles.position, angles.rate, cutoff)
-        step = max(1, int(angles.rate / (10.0 * cutoff)))
+        smooth = zero_phase(readings.position, rate, cutoff)
+        step = max(1, int(rate / (10.0 * cutoff)))
         slow = smooth[::step]
-        size = np.std(np.diff(slow, n=2, axis=0), axis=0) * (angles.rate / step) ** 2
+        size = np.std(np.diff(slow, n=2, axis=0), axis=0) * (rate / step) ** 2
         # of white noise with one-sided density 2 sigma^2 / rate, twice differentiated, up to the cutoff
-        noise = sigma * np.sqrt(2.0 * cutoff / angles.rate / 5.0) * (2.0 * np.pi * cutoff) ** 2
+        noise = sigma * np.sqrt(2.0 * cutoff / rate / 5.0) * (2.0 * np.pi * cutoff) ** 2
         moving = size > 0.0
         if np.all(noise[moving] <= NOISY * size[moving]):
             return cutoff

@@ -43,7 +43,7 @@ SETTLED = {"zero": 1e-3, "clock": 1e-4}
 """A joint's zero [rad] or a clock [s] further off than this has the equations made again."""
 
 
-TORQUE_LEVELS = DetectionThresholds(block=THRESHOLDS.torque_block, alias=THRESHOLDS.torque_alias)
+LEVELS = DetectionThresholds(block=THRESHOLDS.torque_block, alias=THRESHOLDS.torque_alias)
 """Levels over all candidates and over all generic tests of measured torques."""
 
 
@@ -67,7 +67,6 @@ class TorqueSearch:
     causes: tuple[TorqueCause, ...]
     scores: tuple[TorqueScore, ...]
     candidates: int
-    levels: DetectionThresholds = TORQUE_LEVELS
 
 
 def search_torques(
@@ -75,7 +74,6 @@ def search_torques(
     recording: Recording | Sequence[Recording],
     prior: Prior,
     candidates: Sequence[TorqueCandidate],
-    levels: DetectionThresholds | None = None,
 ) -> TorqueSearch:
     """Return the effects that a recording's torques ask for, found one after the other.
 
@@ -86,7 +84,6 @@ def search_torques(
     Raises:
         RecordingError: as `torque_equations`.
     """
-    levels = levels or TORQUE_LEVELS
     simple = [c for c in candidates if c.shape in SIMPLE]
     # laws that come after simpler ones are spanned by those well enough, and each column takes noise away
     whitening = learn_noise(equations, [c for c in candidates if not c.simpler])
@@ -98,33 +95,31 @@ def search_torques(
     while len(causes) < PER_JOINT * equations.torque.shape[1]:
         scores = score_candidates(current, rest if coupled else [c for c in rest if len(c.joints) == 1])
         hopeful = (s for s in scores if id(s.candidate) not in refused)
-        best = next((s for s in hopeful if _significant(s, current, tried, levels)), None)
+        best = next((s for s in hopeful if _significant(s, current, tried)), None)
         if best is None:
             if coupled:
                 break
             coupled = True
             continue
-        if not (predicts(current, best) and acts_on_all(current, best, simple, levels.candidate / tried)):
+        if not (predicts(current, best) and acts_on_all(current, best, simple, LEVELS.candidate / tried)):
             LOGGER.info("%s does not hold everywhere", best.candidate.key)
             refused.add(id(best.candidate))
             continue
-        best = _simplest(best, scores, current, tried, levels)
+        best = _simplest(best, scores, current, tried)
         LOGGER.info("%s: ratio %.1f", best.candidate.key, best.ratio)
         rest = [c for c in rest if c is not best.candidate]
         refused.clear()  # what another hid may hold now
         cause = TorqueCause(Term(best.candidate, best.kept), best)
         if best.candidate.moves:  # later the equations have it in them, and nothing of it is left to score
-            cause = _beside_all(current, causes, cause, candidates, levels)
+            cause = _beside_all(current, causes, cause, candidates)
         causes.append(cause)
         if best.candidate.shape == "stribeck":  # one curve a joint
             rest = [c for c in rest if c.key != best.candidate.key]
         causes, current = _refitted(current, causes, recording)
-        causes, current = _pruned(causes, current, recording, tried, levels)
+        causes, current = _pruned(causes, current, recording, tried)
     scores = score_candidates(current, rest)
-    causes = [
-        c if c.term.candidate.moves else _beside_all(current, causes, c, candidates, levels) for c in causes
-    ]
-    return TorqueSearch(nominal, current, tuple(causes), tuple(scores), tried, levels)
+    causes = [c if c.term.candidate.moves else _beside_all(current, causes, c, candidates) for c in causes]
+    return TorqueSearch(nominal, current, tuple(causes), tuple(scores), tried)
 
 
 def _simplest(
@@ -132,22 +127,21 @@ def _simplest(
     scores: Sequence[TorqueScore],
     current: TorqueFit,
     tried: int,
-    levels: DetectionThresholds,
 ) -> TorqueScore:
     """Return the simplest law of the same joint that explains about as much as the best, or that one."""
-    enough = best.gain(current.samples) - levels.alias
+    enough = best.gain(current.samples) - LEVELS.alias
     for shape in best.candidate.simpler:
         for s in scores:
             same = (s.candidate.location, s.candidate.shape) == (best.candidate.location, shape)
-            if same and s.gain(current.samples) > enough and _significant(s, current, tried, levels):
+            if same and s.gain(current.samples) > enough and _significant(s, current, tried):
                 return s
     return best
 
 
-def _significant(s: TorqueScore, current: TorqueFit, tried: int, levels: DetectionThresholds) -> bool:
+def _significant(s: TorqueScore, current: TorqueFit, tried: int) -> bool:
     if _unresolved(s.candidate, s.estimate, current.equations):
         return False
-    return s.p_value * tried < levels.candidate and s.gain(current.samples) > 0.0
+    return s.p_value * tried < LEVELS.candidate and s.gain(current.samples) > 0.0
 
 
 def _unresolved(candidate: TorqueCandidate, x: np.ndarray, equations: TorqueEquations) -> bool:
@@ -160,7 +154,6 @@ def _beside_all(
     causes: Sequence[TorqueCause],
     cause: TorqueCause,
     candidates: Sequence[TorqueCandidate],
-    levels: DetectionThresholds,
 ) -> TorqueCause:
     """Return a cause with its score beside all others, and what explains about as much in its place."""
     others = [c.term for c in causes if c is not cause]
@@ -180,7 +173,7 @@ def _beside_all(
     best: dict[tuple[str, str, str], tuple[TorqueScore, float]] = {}
     for rival in rivals:
         s = score(without, rival)
-        if s is None or own.gain(without.samples) - s.gain(without.samples) > levels.alias:
+        if s is None or own.gain(without.samples) - s.gain(without.samples) > LEVELS.alias:
             continue
         together = correlation(own, s)
         if together > 0.5 and (rival.key not in best or best[rival.key][0].ratio < s.ratio):
@@ -229,13 +222,12 @@ def _pruned(
     current: TorqueFit,
     recording: Recording | Sequence[Recording],
     tried: int,
-    levels: DetectionThresholds,
 ) -> tuple[list[TorqueCause], TorqueFit]:
     """Leave out, one by one, causes that the others made unnecessary."""
     while causes:
         chances = [_chance(current, cause, tried) for cause in causes]
         worst = int(np.argmax(chances))
-        if chances[worst] <= levels.candidate:
+        if chances[worst] <= LEVELS.candidate:
             break
         LOGGER.info("%s is not needed any more", causes[worst].term.candidate.key)
         equations, load = current.equations, current.load
