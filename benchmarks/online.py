@@ -322,7 +322,7 @@ def fuel(draw: int) -> list[dict]:
             recordings.append(recorded(truth, flown, rng, name=f"burn {i}"))
             impulse += 12.0 * seconds
             states.append((impulse, at_impulse(impulse)))
-        follow = {"bus.m": 0.0, "bus.I*": 0.0, "tank.mass": 0.0, "tank.stiffness.*": 0.0}
+        follow = {"bus.*": 0.0, "tank.mass": 0.0, "tank.stiffness.*": 0.0}
         follow |= {"tank.damping.*": 0.0, "fuel.consumption": 0.0}
         options = FlightOptions(drive="command")
         history, _ = track_recordings(
@@ -332,8 +332,9 @@ def fuel(draw: int) -> list[dict]:
     for i, (used, then) in enumerate(states):
         last = int(np.flatnonzero(history.recording == i)[-1])
         values, sigmas = history.values[last], history.sigmas[last]
-        gone, _, softer = fill.model_copy(update={"consumption": values[place["fuel.consumption"]]}).shares(
-            used
+        c, c_sigma = (x[place["fuel.consumption"]] for x in (values, sigmas))
+        (gone, _, softer), (*_, more) = (
+            fill.model_copy(update={"consumption": x}).shares(used) for x in (c, c + c_sigma)
         )
         mass = values[place["bus.m"]] + values[place["tank.mass"]] - gone
         own = [place[f"tank.stiffness.{a}"] for a in "xyz"]
@@ -349,13 +350,12 @@ def fuel(draw: int) -> list[dict]:
                 "key": f"draw {draw} burn {i}",
                 "mass_percent": round(100 * (mass / (then.mass + then.tank[0]) - 1.0), 4),
                 "used_kg": round(law.shares(used)[0], 3),
-                "consumption_z": round(
-                    float(
-                        (values[place["fuel.consumption"]] - consumption) / sigmas[place["fuel.consumption"]]
-                    ),
+                "consumption_z": round(float((c - consumption) / c_sigma), 2),
+                "stiffness_z": np.round(
+                    (stiffness - then.tank[1])
+                    / np.hypot(sigmas[own] * softer, values[own] * (more - softer)),
                     2,
-                ),
-                "stiffness_z": np.round((stiffness - then.tank[1]) / (sigmas[own] * softer), 2).tolist(),
+                ).tolist(),
                 "frequency_z": np.round((frequency - wanted) / spread, 2).tolist(),
                 "frequency_percent": np.round(100 * (frequency / wanted - 1.0), 3).tolist(),
             }

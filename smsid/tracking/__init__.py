@@ -1,13 +1,12 @@
 """On-line estimation: an extended Kalman filter with chosen parameters in its state, and recursive TLS.
 
-Both are a `ParameterTracker`: samples in, parameters and how well each is known out.
+Samples in, parameters and how well each is known out.
 """
 
 from smsid.tracking.change_detection import Change, ChangeDetector
 from smsid.tracking.followed_parameters import Followed, followed_parameters
 from smsid.tracking.history import TrackHistory, load_history, save_history
 from smsid.tracking.momentum_tracker import MomentumTracker
-from smsid.tracking.parameter_tracker import ParameterTracker
 from smsid.tracking.prediction import Prediction
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
@@ -23,7 +22,6 @@ __all__ = [
     "ChangeDetector",
     "Followed",
     "MomentumTracker",
-    "ParameterTracker",
     "Prediction",
     "Sample",
     "Setting",

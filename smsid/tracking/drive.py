@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from smsid.errors import RecordingError
 from smsid.estimation.filter_pass import Applied
 from smsid.estimation.input_hold import COMMANDS, limits, means, unevenness
 from smsid.estimation.process_model import ProcessModel
@@ -49,21 +48,11 @@ class CommandMemory:
         self.memory: dict[str, deque[tuple[float, np.ndarray]]] = {c: deque() for c in self.sizes}
 
     def add(self, time: float, channels: Mapping[str, np.ndarray]) -> None:
-        """Remember the commands (k,) of a sample by channel.
-
-        Raises `RecordingError` for one of the wrong size.
-        """
+        """Remember the commands (k,) of a sample by channel."""
         for channel, own in self.memory.items():
             value = channels.get(channel)
-            if value is None or not np.isfinite(value).all():
-                continue
-            if len(value) != self.sizes[channel]:
-                raise RecordingError(
-                    f"'{channel}' has {len(value)} components; the spacecraft has {self.sizes[channel]}.",
-                    advice="Give them in the order of the description.",
-                    channel=channel,
-                )
-            own.append((time, value))
+            if value is not None:
+                own.append((time, value))
 
     def forget(self, before: float) -> None:
         """Forget what was commanded earlier than `MEMORY` before a time [s] up to which all is taken in."""

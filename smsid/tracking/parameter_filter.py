@@ -7,9 +7,10 @@ from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 
 from smsid.errors import SmsidError
-from smsid.estimation.filter_pass import filter_samples, reference
+from smsid.estimation.filter_pass import filter_samples, reference, shift
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Belief, Timing, UnknownInput, walks_of
@@ -23,6 +24,7 @@ BETTER = 0.7  # of how well the point of the models is known: what is believed i
 FAR = 4.0  # standard deviations by which the models are too far, however well their point was known
 BEGINNING = 30.0  # [s] that are filtered again, as the models move
 GROWN = 2.0  # times as much as was filtered again before, from which that is done once more
+SMOOTHINGS, SETTLED = 3, 0.01  # of where the motion began; chi square by which it may still move
 NEGLIGIBLE = 1e-6  # of a parameter's size: nothing is built anew for less
 
 
@@ -49,7 +51,8 @@ class ParameterFilter:
     values: np.ndarray
     covariance: np.ndarray
     at: Linearisation = field(init=False)
-    last: tuple = field(init=False, default=())  # what `go_on` was given
+    last: tuple = field(init=False, default=())  # what `go_on` was given, and what was commanded
+    commanded: tuple = field(init=False, default=())
 
     def __post_init__(self) -> None:
         self._unknowns = tuple(f.unknown for f in self.followed)
@@ -131,7 +134,7 @@ class ParameterFilter:
                 if np.array_equal(found.values, self.at.values):
                     return False
                 self.at, self.rebuilt, self.known_at = found, self.rebuilt + 1, sigma
-                self.moved = not found.drives
+                self.moved = True
                 if self.begun is not None and self.time - self.begun.time >= GROWN * self.again:
                     self._begin_again()
                 return True
@@ -139,24 +142,58 @@ class ParameterFilter:
         return False
 
     def _begin_again(self) -> None:
-        """Filter the beginning once more, linear about where the models are now, if they have moved."""
+        """Filter the beginning once more, linear about where the models are now, if they have moved.
+
+        And about where the motion began, as all that was read since says (an iterated smoother): linear about
+        another slosh, say, than at the next sample, a filter takes the difference for knowledge.
+        """
         if self.begun is None or not self.moved:
             return
-        again = copy(self.begun)
-        again.at = self.at
         self.again, self.moved = self.time - self.begun.time, False
-        try:
-            for given in self.since:
-                again.go_on(*given)
-        except SmsidError:
-            return  # lost about this point: the filter goes on as it is
-        self._take(again._state())
+        for _ in range(SMOOTHINGS):
+            begun = copy(self.begun)
+            begun.at = self.at
+            nv, n = self.nv, 2 * self.nv
+            begun.q = pin.integrate(self.at.base.plant.pin, begun.q, self.offset[:nv])
+            begun.v = begun.v + self.offset[nv:]
+            try:
+                end, change, score, information = begun._followed(self.since)
+            except SmsidError:
+                return  # lost about this point: the filter goes on as it is
+            shift(self.at.base.plant.pin, self.at, end, -change @ self.offset)
+            moved = self.begun.covariance[:n, :n] @ (score + information @ self.offset) - self.offset
+            self._take(end)
+            self.offset = self.offset + moved
+            if moved @ information @ moved < SETTLED:
+                return
+
+    def _followed(self, passes: Sequence[tuple]) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:
+        """Return where passes lead, how that changes with the motion where they begin (x, 2 nv), and score
+        (2 nv,) and information (2 nv, 2 nv) of what was read by that motion.
+        """
+        n = 2 * self.nv
+        change, score, information = np.eye(len(self.covariance))[:, :n], np.zeros(n), np.zeros((n, n))
+        for edges, drive, values, attitudes, commanded in passes:
+            if self.at.drives:
+                drive = self.drive(commanded[0], commanded[1], edges, drive.before[0])
+            record = self.go_on(edges, drive, values, attitudes)
+            for k, there in enumerate(np.isfinite(values).any(axis=1)):
+                if k:
+                    change = record.transition[k - 1] @ change
+                if there:
+                    seen = record.sensitivity[k] @ change
+                    signature = record.whitening[k] @ seen
+                    score += signature.T @ record.innovations[k]
+                    information += signature.T @ signature
+                    change = change - record.gain[k] @ seen
+        return self._state(), change, score, information
 
     def forget_beginning(self) -> None:
         """Go on without filtering the beginning again."""
         self.begun: ParameterFilter | None = None  # as the motion began, and what it was given since
         self.since: list[tuple] = []
         self.again, self.moved = 0.0, False  # [s] of it that were filtered again
+        self.offset = np.zeros(2 * self.nv)  # of the motion where it began, by what was read since
 
     def snapshot(self) -> ParameterFilter:
         """Return the filter as it is now, to go its own way."""
@@ -165,9 +202,10 @@ class ParameterFilter:
         return other
 
     def drive(
-        self, inputs: Inputs, edges: np.ndarray, substep: float, before: np.ndarray | None = None
+        self, inputs: Inputs, substep: float, edges: np.ndarray, before: np.ndarray | None = None
     ) -> Drive:
         """Return what drives the motion between edges (n + 1,) [s]; ``before`` (nv,) are forces earlier."""
+        self.commanded = inputs, substep
         return self.at.drive(inputs, edges, substep, before, self.inputs)
 
     def go_on(self, edges: np.ndarray, drive: Drive, values: np.ndarray, attitudes: np.ndarray) -> Record:
@@ -180,7 +218,7 @@ class ParameterFilter:
         samples = Samples(edges, values, attitudes, np.isfinite(values), self._variance, len(edges))
         record = filter_samples(self.at.base, self.at, self.at.compiled, drive, now, samples)
         self._take(now)
-        self.time, self.last = float(edges[-1]), (edges, drive, values, attitudes)
+        self.time, self.last = float(edges[-1]), (edges, drive, values, attitudes, self.commanded)
         if self.begun is not None:
             self.since.append(self.last)
         return record

@@ -36,7 +36,7 @@ def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: flo
     edges = filled(ahead.time, ahead.time + horizon, setting.longest)
     count = sum(b.quantity == "attitude" for b in ahead.layout.blocks)
     nothing = np.full((len(edges), ahead.layout.rows), np.nan), np.zeros((len(edges), count, 4))
-    found = ahead.go_on(edges, ahead.drive(inputs, edges, setting.substep), *nothing)
+    found = ahead.go_on(edges, ahead.drive(inputs, setting.substep, edges), *nothing)
     readings, sigmas = _readings(ahead, found.predicted[-1], found.sensitivity[-1])
     return Prediction(ahead.time, ahead.q, ahead.v, covariance_in_units(ahead), readings, sigmas)
 

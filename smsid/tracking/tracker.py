@@ -74,14 +74,13 @@ class Tracker:
         origin = Point.of(self.description)
         self.setting = setting or Setting.of(self.description, origin.base)
         start = followed_parameters(
-            self.description,
-            follow=follow,
-            hold=hold,
-            estimate=estimate,
-            cad=cad,
+            self.description, follow=follow, hold=hold, estimate=estimate, cad=cad,
             present=self.setting.channels,
-        )
+        )  # fmt: skip
         self.listener: Callable[[Update], None] | None = None
+        self.rescue: Callable[[], bool] | None = (
+            None  # corrects the filter, where it knows why motion is lost
+        )
         self.watch = FitWatch()
         self._build(origin, start)
 
@@ -96,21 +95,11 @@ class Tracker:
         covariance[-m:, -m:] = start.covariance / np.outer(scales, scales)
         timing, unknown = Timing(setting.hold), setting.unknown_inputs
         problem = Problem(_NOTHING, layout, locked, timing, setting.noise, unknown_inputs=unknown)
+        noise, home = _input_covariance(model, problem), model.home.copy()
         self.filter = ParameterFilter(
-            origin,
-            start.followed,
-            layout,
-            locked,
-            unknown,
-            timing,
-            _input_covariance(model, problem),
-            -np.inf,
-            model.home.copy(),
-            np.zeros(model.nv),
-            np.zeros(k),
-            start.mean.copy(),
-            covariance,
-        )
+            origin, start.followed, layout, locked, unknown, timing, noise, -np.inf, home,
+            np.zeros(model.nv), np.zeros(k), start.mean.copy(), covariance,
+        )  # fmt: skip
         self.log = EventLog()
         self.buffer = SampleBuffer(TOGETHER * setting.substep, setting.lateness, self.log, setting.silence)
         self.commands = CommandMemory(model, setting.hold)
@@ -121,7 +110,6 @@ class Tracker:
         self.samples = 0
         self._settling: list[Entry] = []
         self._before: np.ndarray | None = None
-        self.commanded: Inputs | None = None  # in the last pass
         self._unknown_channels: set[str] = set()
         self._row_names = layout.names
         self._attitudes = [b.channel for b in layout.blocks if b.quantity == "attitude"]
@@ -326,7 +314,7 @@ class Tracker:
             edges += filled(edges[-1], entry.time, setting.longest).tolist()[1:]
             at.append(len(edges) - 1)
         times = np.array(edges)
-        drive = f.drive(known, times, setting.substep, self._before)
+        drive = f.drive(known, setting.substep, times, self._before)
         values = np.full((len(times), f.layout.rows), np.nan)
         attitudes = np.zeros((len(times), len(self._attitudes), QUATERNION))
         for entry, k in zip(entries, at, strict=True):
@@ -345,12 +333,15 @@ class Tracker:
             try:
                 record = f.go_on(times[here], drive.part(done, last), read, attitudes[here])
             except SimulationError:
+                if self.rescue is not None and self.rescue():
+                    at = reached + at
+                    drive = f.drive(known, setting.substep, times, self._before)
+                    continue
                 if self.time < self._first + WARM:
                     raise
                 self._lose()
                 return out
             f.time = float(times[last])  # of the entry, not summed up
-            self.commanded = known
             before = done
             for k in reached:
                 there = np.isfinite(read[k - done])
@@ -368,7 +359,7 @@ class Tracker:
                     np.clip(SHARE * (f.time - self._first), PASS[0], self.longest_pass)
                 )
                 if f.relinearise() and f.at.drives:
-                    drive = f.drive(known, times, setting.substep, self._before)
+                    drive = f.drive(known, setting.substep, times, self._before)
         if len(times) > 1:
             self._before = drive.before[-1]
         return out

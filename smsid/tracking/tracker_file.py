@@ -31,7 +31,7 @@ from smsid.tracking.setting import Setting
 from smsid.tracking.tracker import Tracker
 
 SCHEMA = "smsid.tracker"
-VERSION = 5
+VERSION = 6
 STATE = ("q", "v", "unknown", "values", "covariance")
 PASSED = ("edges", "readings", "attitudes", *Drive._fields[:8])
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers give equal bytes
@@ -40,6 +40,7 @@ EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers
 def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
     """Write a tracker to a file (npz), whole or not at all, and return its path.
 
+    Where what commands do depends on a parameter, its beginning is not filtered again after it is restored.
     Raises `OutputError` when the file cannot be written.
     """
     f = tracker.filter
@@ -120,7 +121,7 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
             path=str(path),
         )
     tracker = Tracker.__new__(Tracker)
-    tracker.described, tracker.listener = description, None
+    tracker.described, tracker.listener, tracker.rescue = description, None, None
     tracker.description = modal_panels(description)[0]
     tracker.setting = _setting(document["setting"])
     followed = tuple(Followed(Unknown(**x["unknown"]), x["rate"]) for x in document["followed"])
@@ -164,14 +165,15 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
 def _beginning(f: ParameterFilter, arrays: dict[str, np.ndarray]) -> dict[str, Any] | None:
     """Return what there is to say of a beginning that may be filtered again; its arrays are added."""
     begun, passes = f.begun, f.since
-    if begun is None:
+    if begun is None or f.at.drives:
         return None
     for name in STATE:
         arrays[f"begun:{name}"] = getattr(begun, name)
-    rows = [(edges, values, attitudes, *drive[:8]) for edges, drive, values, attitudes in passes]
+    rows = [(edges, values, attitudes, *drive[:8]) for edges, drive, values, attitudes, _ in passes]
     for k, name in enumerate(PASSED):
         arrays[f"since:{name}"] = np.concatenate([np.zeros(0), *(row[k].ravel() for row in rows)])
     shapes = [[x.shape for x in row] for row in rows]
+    arrays["begun:offset"] = f.offset
     return {"time": begun.time, "shapes": shapes, "again": f.again, "moved": f.moved}
 
 
@@ -180,13 +182,14 @@ def _restore_beginning(f: ParameterFilter, told: dict[str, Any], arrays: dict[st
     for name in STATE:
         setattr(f.begun, name, arrays[f"begun:{name}"])
     f.begun.time, f.again, f.moved = told["time"], told["again"], told["moved"]
+    f.offset = arrays["begun:offset"]
     own = []
     for k, name in enumerate(PASSED):
         sizes = [int(np.prod(shapes[k])) for shapes in told["shapes"]]
         parts = np.split(arrays[f"since:{name}"], np.cumsum(sizes)[:-1]) if sizes else []
         own.append([x.reshape(shapes[k]) for x, shapes in zip(parts, told["shapes"], strict=True)])
     for edges, values, attitudes, *drive in zip(*own, strict=True):
-        f.since.append((edges, Drive._make((*drive, *f.inputs)), values, attitudes))
+        f.since.append((edges, Drive._make((*drive, *f.inputs)), values, attitudes, ()))
 
 
 def description_digest(description: Description) -> str:

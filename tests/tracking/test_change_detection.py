@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from smsid.estimation.flight import FlightOptions
 from smsid.recording import Recording
 from smsid.tracking import ChangeDetector, Tracker, track_recordings
+from smsid.tracking.jump_runs import JumpRuns, Rerun
 from smsid.tracking.sample import samples_of
 from smsid.tracking.setting import Setting
 from tests.estimation.satellite import recorded
@@ -30,9 +32,13 @@ def description(tmp_path_factory):
 @pytest.fixture(scope="module")
 def grasped():
     """A flight in which a body that turns with the satellite is grasped at 40 s: its inertia comes on top."""
-    before = RIGID.fly(AT, mean_over_step, step=STEP)
-    heavier = replace(RIGID, inertia=tuple(map(tuple, np.array(RIGID.inertia) + GRASPED)))
-    after = heavier.fly(25.0, lambda t: mean_over_step(t + AT), step=STEP, start=before[1][-1, :24])
+    return with_body(AT, 1.0)
+
+
+def with_body(at, share):
+    before = RIGID.fly(at, mean_over_step, step=STEP)
+    heavier = replace(RIGID, inertia=tuple(map(tuple, np.array(RIGID.inertia) + share * GRASPED)))
+    after = heavier.fly(25.0, lambda t: mean_over_step(t + at), step=STEP, start=before[1][-1, :24])
     flown = tuple(np.concatenate([a, b[1:]]) for a, b in zip(before, after, strict=True))
     times = np.arange(len(flown[0])) * STEP
     found = recorded(RIGID, (times, *flown[1:]), np.random.default_rng(3), without=("gyro.acceleration",))
@@ -41,13 +47,13 @@ def grasped():
     return Recording.from_arrays(found.time(), channels, labels=found.labels, name="grasped")
 
 
-def watched(description, recording, **more):
+def watched(description, recording, until=np.inf, **more):
     channels = ("st.attitude", "gyro.angular_rate", "tacho.wheel_rate")
     plain = Tracker(description, follow=FOLLOW, cad=0.01)
     setting = Setting.of(plain.description, plain.origin.base, channels=channels, hold="linear")
     tracker = Tracker(description, follow=FOLLOW, cad=0.01, setting=setting)
     detector = ChangeDetector.watch(tracker, **more)
-    tracker.update_all(samples_of(recording))
+    tracker.update_all(s for s in samples_of(recording) if s.time < until)
     return detector
 
 
@@ -70,6 +76,39 @@ def test_the_size_of_a_jump_is_within_its_interval(description, grasped):
     off = (change.jumps - true) / change.sigmas
     assert np.abs(off).max() < 4.0 and np.sqrt(np.mean(off**2)) < 2.0, off
     assert np.abs(change.jumps - true).max() < 0.05 * GRASPED.max()
+
+
+def test_a_jump_is_timed_to_a_sample_however_the_telemetry_comes(description):
+    """One sample on the wrong side of so large a jump moves parameters by many standard deviations."""
+    at = 40.7  # between two starts
+    (change,) = watched(description, with_body(at, 2.0)).changes
+    assert abs(change.began - at) < 0.11
+    off = (change.jumps - 2.0 * GRASPED[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]) / change.sigmas
+    assert np.abs(off).max() < 4.0 and np.sqrt(np.mean(off**2)) < 2.0, off
+
+
+def test_the_time_of_a_jump_is_sought_to_a_sample():
+    """Also where what is read is explained on the whole: a sample on the wrong side is one of hundreds."""
+    times, true = np.arange(400) * 0.05, 10.15
+
+    class Runs(JumpRuns):
+        def _run(self, start, index, point, onset, opening=-np.inf, follows=False):
+            filtered = SimpleNamespace(values=np.zeros(1))
+            return Rerun(filtered, onset, -1e3 * abs(onset - true), left=1.0)
+
+    runs = Runs(every=1.0)
+    runs.passes.append((times, None, None, None, ()))
+    first = runs._run(None, None, None, 9.0)
+    best = runs._at_onset(SimpleNamespace(time=5.0), np.array([0]), first, 4.0)
+    assert best.onset == pytest.approx(true) and best.grid == pytest.approx(0.05)
+
+
+def test_a_motion_that_a_jump_loses_goes_on_with_it(description, grasped):
+    """Where the motion is lost before a change is told, it is taken in at once, and only once."""
+    detector = watched(description, grasped, until=AT + 1.5)
+    assert not detector.changes and detector.rescue() and not detector.rescue()
+    truth = (np.array(RIGID.inertia) + GRASPED)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    assert np.abs((detector.tracker.values[:6] - truth) / detector.tracker.sigmas[:6]).max() < 4.0
 
 
 def test_a_gyro_that_jumps_is_named(description):
