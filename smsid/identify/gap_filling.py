@@ -69,7 +69,7 @@ def fill_gaps(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
     Raises `RecordingError` for a channel of which less than half is usable, for commands that are not
     finite, and what `Recording.check` raises: clocks out of order, wrong units.
     """
-    recording.check_consistency()  # worked out once: what is bridged says no more
+    recording.check_consistency()
     known = {c: (s, q) for s in sensors for q, c in zip(s.quantities, s.channels, strict=True)}
     kept = [n for n in recording.channels if n in known or n.startswith("command.")]
     clocks: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
@@ -112,7 +112,9 @@ def fill_gaps(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
         role=recording.role,
         name=recording.name,
     )
-    return Mended(built.check(consistency=False), bridged)
+    return Mended(
+        built.check(consistency=bool(bridged)), bridged
+    )  # again where it may differ
 
 
 def even_clock(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
