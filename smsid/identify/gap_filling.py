@@ -112,9 +112,7 @@ def fill_gaps(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
         role=recording.role,
         name=recording.name,
     )
-    return Mended(
-        built.check(consistency=bool(bridged)), bridged
-    )  # again where it may differ
+    return Mended(built.check(consistency=bool(bridged)), bridged)  # again where it may differ
 
 
 def even_clock(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
