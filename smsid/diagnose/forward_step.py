@@ -31,6 +31,7 @@ from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import Fit, evaluate, fit
 from smsid.estimation.problem import Problem
+from smsid.estimation.step_size import with_half_the_step
 
 LOGGER = logging.getLogger(__name__)
 CLEAR = THRESHOLDS.beginnings_sought
@@ -394,7 +395,7 @@ def finely_stepped(found: Fit) -> Fit:
             size = discretisation_chi2(found)
             if not size > SEEN:
                 break
-            problem = _with_half_the_step(found)
+            problem = with_half_the_step(found.problem)
             LOGGER.info(
                 "errors of integration of %.1f in chi-squared: steps of %.4g s", size, problem.substep
             )
@@ -413,13 +414,7 @@ def discretisation_chi2(found: Fit) -> float:
     model = found.point.model()
     coarse, fine = (
         run_filter(model, at_point(found.point, problem)).innovations
-        for problem in (found.problem, _with_half_the_step(found))
+        for problem in (found.problem, with_half_the_step(found.problem))
     )
     left = found.left((fine - coarse).reshape(-1, 1))
     return float(np.vdot(left, left))
-
-
-def _with_half_the_step(found: Fit) -> Problem:
-    """Return the problem with half the step that is taken: an even number of them fills a sample."""
-    taken = float(np.median(np.diff(found.run.states.time))) / found.changes.applied.means.shape[1]
-    return replace(found.problem, substep=0.5 * taken)

@@ -12,6 +12,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.maximum import maximise
 from smsid.estimation.normal_equations import NormalEquations, normal_equations
+from smsid.estimation.problem import Problem
 from smsid.estimation.trust_region import bounded_step
 
 LOGGER = logging.getLogger(__name__)
@@ -28,7 +29,7 @@ def finely_stepped(
     """
     flights, visited = list(flights), []
     for _ in range(FINER):
-        finer = [_with_half_the_step(f) for f in flights]
+        finer = [replace(f, problem=with_half_the_step(f.problem)) for f in flights]
         try:
             here = normal_equations(found.point, found.unknowns, finer)
             moved = bounded_step(here) - bounded_step(found)
@@ -48,9 +49,8 @@ def finely_stepped(
     return found, flights, visited
 
 
-def _with_half_the_step(flight: Flight) -> Flight:
-    """Return the flight with half the steps that are taken: an even number of them fills a sample."""
-    problem = flight.problem
+def with_half_the_step(problem: Problem) -> Problem:
+    """Return the problem with half the steps that are taken: an even number of them fills a sample."""
     interval = float(np.median(np.diff(problem.data.times)))
     taken = 2 * np.ceil(interval / problem.substep / 2.0 - 1e-9)
-    return replace(flight, problem=replace(problem, substep=0.5 * interval / max(taken, 2)))
+    return replace(problem, substep=0.5 * interval / max(taken, 2))

@@ -239,9 +239,19 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
             if m:
                 here = angles, v, a, gravity
                 by_parameters(
-                    tree, tables, roots, terms, weights, pushed, push_at[k], here, inverse, work,
-                    force, by_theta,
-                )  # fmt: skip
+                    tree,
+                    tables,
+                    roots,
+                    terms,
+                    weights,
+                    pushed,
+                    push_at[k],
+                    here,
+                    inverse,
+                    work,
+                    force,
+                    by_theta,
+                )
                 add_product(by_a, by_theta, whole, first)
                 for r in range(rows):
                     for c in range(m):
@@ -250,9 +260,22 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                 for i in range(len(read_terms)):
                     t, column = read_terms[i, 0], first + read_terms[i, 1]
                     read_all(
-                        tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, False, out, spare,
+                        tree,
+                        bodies,
+                        root,
+                        senses,
+                        t,
+                        q,
+                        v,
+                        a,
+                        angles,
+                        gravity,
+                        sides,
+                        False,
+                        out,
+                        spare,
                         work,
-                    )  # fmt: skip
+                    )
                     for r in range(rows):
                         whole[r, column] += read_weights[i] * other[r]
             if np.any(present[k]):
