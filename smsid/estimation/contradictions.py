@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads a part of it when that is used
+from scipy.special import chdtrc
 
 from smsid.estimation.normal_equations import NormalEquations, by_recording
 from smsid.likelihood.combinations import Combination
@@ -102,7 +102,7 @@ def contradictions_of(
         own, (size, basis) = own / width, np.linalg.eigh(scatter / np.outer(width, width))
         seen = size > 1e-8
         statistic = float(np.sum((basis[:, seen].T @ own) ** 2 / size[seen]))
-        p_value = float(scipy.stats.chi2.sf(statistic, int(seen.sum())))
+        p_value = float(chdtrc(int(seen.sum()), statistic))
         if p_value * len(parts) < LEVEL:
             apart_by_row = _differences(rows, covariances, slopes, spread)
             named = [x for x in apart_by_row.values() if abs(x[3]) > APART]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy  # loads a part of it when that is used
+from scipy.special import chdtrc
 
 from smsid.estimation.normal_equations import InnovationSums, NormalEquations, by_recording
 from smsid.estimation.prior_conflict import PriorConflict, prior_conflict
@@ -117,7 +117,7 @@ def _channels(label: str, sums: InnovationSums) -> list[ChannelFit]:
         scale = np.where(mean > 0.0, mean, 1.0)[:, None]
         correlation = sums.products[rows] / np.maximum(sums.pairs[rows], 1.0) / scale
         q = np.sum(sums.pairs[rows] * correlation**2, axis=1)
-        p_white = scipy.stats.chi2.sf(q, sums.products.shape[1])
+        p_white = chdtrc(sums.products.shape[1], q)
         strongest = np.abs(correlation).max(axis=1)
         coloured = (p_white < WHITE) & (strongest > CORRELATED) & (ratio > 1.0)
         level = np.where(ratio > WRONG, 2, np.where((ratio > LOUD) | coloured, 1, 0))

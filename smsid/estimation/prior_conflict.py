@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads a part of it when that is used
+from scipy.special import chdtrc
 
 from smsid.estimation.normal_equations import NormalEquations
 
@@ -82,12 +82,12 @@ def conflict_of(
     wider = 1.0 + 1.0 / size[told]
     seen = basis[:, told].T @ off
     statistic, freedom = float(seen**2 @ wider), int(told.sum())
-    p_value, worst, scale = float(scipy.stats.chi2.sf(statistic, freedom)), statistic / freedom, None
+    p_value, worst, scale = float(chdtrc(freedom, statistic)), statistic / freedom, None
     along = np.zeros(freedom) if heavier is None else basis[:, told].T @ heavier
     if along.any():
         weight = float(along**2 @ (1.0 / wider))
         share = float(along @ seen) / weight
-        p_scale = float(scipy.stats.chi2.sf(share**2 * weight, 1))
+        p_scale = float(chdtrc(1, share**2 * weight))
         if p_scale < p_value:
             p_value, worst, scale = p_scale, share**2 * weight, (1.0 + share, weight**-0.5)
         p_value = min(2.0 * p_value, 1.0)  # the smaller of two

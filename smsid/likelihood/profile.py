@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy  # loads a part of it when that is used
+from scipy.special import chdtri
 
 from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SimulationError
@@ -66,7 +66,7 @@ def profile_of(
     best = minimise(fit.pieces, fit.point, prior, None)
     sigma = float(np.sqrt(np.linalg.inv(best.normal.information)[index, index])) * scalars[name].slope
     centre = best.point.parameters[name]
-    rise = float(scipy.stats.chi2.ppf(level, 1))
+    rise = float(chdtri(1, 1.0 - level))
 
     def excess(value: float, near: Point) -> tuple[float, Point]:
         held = _at(near, name, value)
@@ -97,7 +97,7 @@ def not_gaussian(fit: Fit, prior: Prior, name: str, covariance: np.ndarray) -> b
     scalar = next(s for s in at.scalars if s.name == name)
     if scalar.value - NORMAL95 * sigma * scalar.slope < 0.0:
         return True
-    rise = float(scipy.stats.chi2.ppf(0.95, 1))
+    rise = float(chdtri(1, 0.05))
     here = fit.seen.cost(fit.pieces, prior)
     for side in (1.0, -1.0):
         step = side * np.sqrt(rise) * covariance[index] / sigma

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy  # loads a part of it when that is used
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from smsid.errors import RecordingError
-from smsid.sensing._signals import FloatArray
+from smsid.sensing._signals import FloatArray, recursive_filter
+
+Sections = list[tuple[FloatArray, FloatArray]]
 
 
 def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
@@ -34,8 +35,11 @@ def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> Floa
         RecordingError: cutoff not below Nyquist, a sample not finite, or a record shorter than one period of
             the cutoff.
     """
-    data, sos, pad = _prepare(x, rate, cutoff, order)
-    return np.asarray(scipy.signal.sosfiltfilt(sos, data, axis=0, padlen=pad))
+    data, sections, pad = _prepare(x, rate, cutoff, order)
+    wide = np.concatenate([2.0 * data[0] - data[pad:0:-1], data, 2.0 * data[-1] - data[-2 : -pad - 2 : -1]])
+    for _ in range(2):  # each pass as if its first sample had always been
+        wide = (_low_pass(wide - wide[0], sections) + wide[0])[::-1]
+    return wide[pad : pad + len(data)]
 
 
 def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
@@ -53,10 +57,10 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int =
     Raises:
         RecordingError: as `zero_phase`.
     """
-    data, sos, pad = _prepare(x, rate, cutoff, order)
+    data, sections, pad = _prepare(x, rate, cutoff, order)
     n = data.shape[0]
     wide = np.concatenate([np.zeros((pad, *data.shape[1:])), data, np.zeros((pad, *data.shape[1:]))])
-    wide = scipy.signal.sosfilt(sos, scipy.signal.sosfilt(sos, wide, axis=0)[::-1], axis=0)[::-1]
+    wide = _low_pass(_low_pass(wide, sections)[::-1], sections)[::-1]
     left, out, right = wide[:pad], wide[pad : pad + n].copy(), wide[pad + n :]
     out[0] += 2.0 * left.sum(axis=0)
     out[1 : pad + 1] -= left[::-1]
@@ -115,7 +119,7 @@ def settling_time(cutoff: float, order: int = 4) -> float:
     return math.log(1e4) / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * order)))
 
 
-def _prepare(x: ArrayLike, rate: float, cutoff: float, order: int) -> tuple[FloatArray, FloatArray, int]:
+def _prepare(x: ArrayLike, rate: float, cutoff: float, order: int) -> tuple[FloatArray, Sections, int]:
     """Return the samples, the filter, and by how many samples to extend them at both ends."""
     if not (math.isfinite(rate) and 0.0 < cutoff < 0.5 * rate):
         raise RecordingError(
@@ -146,5 +150,24 @@ def _prepare(x: ArrayLike, rate: float, cutoff: float, order: int) -> tuple[Floa
             advice="Filters spread them over the record; cut or fill them first.",
             samples=bad,
         )
-    sos = np.asarray(scipy.signal.butter(order, cutoff, fs=rate, output="sos"))
-    return data, sos, min(wanted, samples - 1)
+    return data, _butterworth(rate, cutoff, order), min(wanted, samples - 1)
+
+
+def _butterworth(rate: float, cutoff: float, order: int) -> Sections:
+    """Return numerators and denominators of a low-pass, -3 dB at the cutoff: bilinear, its poles in pairs."""
+    k = math.tan(math.pi * cutoff / rate)
+    found = []
+    for pole in range(order // 2):
+        damping = 2.0 * k * math.sin(math.pi * (2 * pole + 1) / (2 * order))
+        size = 1.0 + damping + k**2
+        a = np.array([size, 2.0 * (k**2 - 1.0), 1.0 - damping + k**2]) / size
+        found.append((k**2 / size * np.array([1.0, 2.0, 1.0]), a))
+    if order % 2:
+        found.append((np.full(2, k / (1.0 + k)), np.array([1.0, (k - 1.0) / (k + 1.0)])))
+    return found
+
+
+def _low_pass(x: FloatArray, sections: Sections) -> FloatArray:
+    for b, a in sections:
+        x = recursive_filter(b, a, x)
+    return x

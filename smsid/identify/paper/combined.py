@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads a part of it when that is used
+from scipy.special import chdtrc
 
 from smsid._short_repr import short_repr
 from smsid.identify.paper.translation import AxisEstimate
@@ -144,5 +144,5 @@ def _agreement(name: str, places: Sequence[tuple[AxisEstimate, int]]) -> Agreeme
         tuple(sigma.tolist()),
         chi_squared,
         freedom,
-        float(scipy.stats.chi2.sf(chi_squared, freedom)),
+        float(chdtrc(freedom, chi_squared)),
     )

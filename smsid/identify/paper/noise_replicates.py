@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy  # loads a part of it when that is used
 from scipy.spatial.transform import Rotation
+from scipy.special import stdtrit
 
 from smsid._statistics import NORMAL95
 from smsid.identify.robust import white_sigma
@@ -45,7 +45,7 @@ def small_sample_factor(replicates: int) -> float:
     A Gaussian interval with a standard deviation from ``replicates`` draws holds too rarely (91 % with 8);
     Student's t with as many degrees of freedom says by how much it has to be wider.
     """
-    return float(scipy.stats.t.ppf(0.975, replicates) / NORMAL95)
+    return float(stdtrit(replicates, 0.975) / NORMAL95)
 
 
 def covariance_of_moves(own: np.ndarray, moves: Sequence[np.ndarray]) -> np.ndarray:

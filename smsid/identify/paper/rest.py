@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads a part of it when that is used
+from scipy.special import chdtri
 
 from smsid.errors import NotIdentifiableError
 from smsid.identify.robust import white_sigma
@@ -52,9 +52,8 @@ def starting_value(time: np.ndarray, samples: np.ndarray) -> Start:
         left = float(np.sum((samples[:count] - q[:, : DEGREE + 1] @ along[: DEGREE + 1]) ** 2))
         free = count - DEGREE - 1
         higher = float(np.sum(along[DEGREE + 1 :] ** 2))
-        described = higher <= noise**2 * float(
-            scipy.stats.chi2.isf(REFUSED, HIGHER)
-        ) and left <= noise**2 * float(scipy.stats.chi2.isf(REFUSED_AT_ALL, free))
+        allowed = noise**2 * chdtri([HIGHER, free], [REFUSED, REFUSED_AT_ALL])
+        described = higher <= allowed[0] and left <= allowed[1]
         if described or count == FEWEST:
             break
         count = max(int(SHORTER * count), FEWEST)

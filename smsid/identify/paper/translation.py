@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads a part of it when that is used
 
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
@@ -29,6 +28,7 @@ from smsid.identify.paper.axis_parameters import (
 )
 from smsid.identify.robust import inverse_root
 from smsid.identify.tls import total_least_squares
+from smsid.recording.checks.increments import integral
 
 ROUND_OFF = 1e-9  # share of a variance
 
@@ -235,7 +235,7 @@ def integrals(x: np.ndarray, t: np.ndarray, order: int) -> list[np.ndarray]:
     """Return x (N,) and its integrals up to ``order``, by trapezoids from the first sample."""
     out = [np.asarray(x, dtype=float)]
     for _ in range(order):
-        out.append(scipy.integrate.cumulative_trapezoid(out[-1], t, initial=0.0))
+        out.append(integral(t, out[-1][:, None])[:, 0])
     return out
 
 
