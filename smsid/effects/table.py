@@ -14,7 +14,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 class Table(BaseModel):
     """One table. Numbers must be finite; ``true`` and ``"5"`` are no numbers, which pydantic would take."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtrc
 
-from smsid.estimation.normal_equations import NormalEquations, by_recording
-from smsid.likelihood.combinations import Combination
+if TYPE_CHECKING:
+    from smsid.estimation.normal_equations import NormalEquations
+    from smsid.likelihood.combinations import Combination
 
 LEVEL = 1e-4  # probability below which recordings contradict each other
 APART = 3.5  # standard deviations between two values that are named
@@ -72,7 +74,7 @@ def contradictions(
     ``rows`` are what a contradiction is put in terms of; standard deviations are ``widening`` times as large.
     """
     prior = np.diag((found.scales / np.array([u.sigma for u in found.unknowns])) ** 2)
-    parts = [Part(t.label, t.gram, t.slope) for t in by_recording(found.terms)]
+    parts = [Part(t.label, t.gram, t.slope) for t in found.recordings]
     return contradictions_of(parts, prior, rows, widening)
 
 

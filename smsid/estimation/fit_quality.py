@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy.special import chdtrc
 
-from smsid.estimation.normal_equations import InnovationSums, NormalEquations, by_recording
 from smsid.estimation.prior_conflict import PriorConflict, prior_conflict
-from smsid.estimation.scale_conflict import ScaleConflict
+
+if TYPE_CHECKING:
+    from smsid.estimation.normal_equations import InnovationSums, NormalEquations
+    from smsid.estimation.scale_conflict import ScaleConflict
 
 LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
 WRONG = 3.0  # times beyond which the model does not explain a channel
@@ -102,7 +104,7 @@ class FitQuality:
 
 def fit_quality(found: NormalEquations) -> FitQuality:
     """Return how well the recordings are explained at a point."""
-    channels = [c for t in by_recording(found.terms) for c in _channels(t.label, t.innovations)]
+    channels = [c for t in found.recordings for c in _channels(t.label, t.innovations)]
     return FitQuality(tuple(channels), _dispersion(found), prior_conflict(found))
 
 

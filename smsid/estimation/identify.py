@@ -5,16 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
 from smsid.estimation.batch_check import batch_contradictions, batch_quality
 from smsid.estimation.contradictions import Contradiction
 from smsid.estimation.fit_quality import FitQuality
-from smsid.estimation.flight import FlightOptions
-from smsid.estimation.identify_flights import FlightEstimate, identify_flights
-from smsid.estimation.mapping_check import wrong_columns
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate
 from smsid.identify.paper.pipeline import Identification
@@ -23,6 +20,10 @@ from smsid.likelihood.prior import Cad
 from smsid.likelihood.refine import Refinement, refine
 from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
+
+if TYPE_CHECKING:
+    from smsid.estimation.flight import FlightOptions
+    from smsid.estimation.identify_flights import FlightEstimate
 
 LOGGER = logging.getLogger(__name__)
 BEGINNING = 30_000  # samples of the slowest sensor of a long flight that the search starts with
@@ -92,7 +93,7 @@ def identify_spacecraft(
     reason = "asked for" if method == "filter" else _listed(description)
     if alone and not reason:
         reason = "single thrusters fire"
-    if not reason and options not in (None, FlightOptions()):
+    if not reason and options is not None and options != type(options)():
         reason = "options of a flight were given"
     if not reason:
         try:
@@ -106,6 +107,8 @@ def identify_spacecraft(
                 raise _with_wrong_columns(error, description, recordings) from None
     if tell is not None:
         tell(f"taken as flights: {reason}")
+    from smsid.estimation.identify_flights import identify_flights  # the filter takes time to load
+
     try:
         found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
     except NotIdentifiableError as error:
@@ -119,18 +122,22 @@ def identify_spacecraft(
 def _wrong_columns(
     quality: FitQuality, description: Description, recordings: Sequence[Recording]
 ) -> list[str]:
-    first = [_beginning(r) for r in recordings]
-    return wrong_columns(description, first) if quality.judgement == "not explained" else []
+    return _better_columns(description, recordings) if quality.judgement == "not explained" else []
 
 
 def _with_wrong_columns(
     error: SmsidError, description: Description, recordings: Sequence[Recording]
 ) -> SmsidError:
     """Return the error of a search without rest, with the columns that may be wrong; another one as it is."""
-    first = [_beginning(r) for r in recordings]
-    wrong = wrong_columns(description, first) if isinstance(error, NotIdentifiableError) else []
+    wrong = _better_columns(description, recordings) if isinstance(error, NotIdentifiableError) else []
     advice = ". ".join([*wrong, error.advice])
     return NotIdentifiableError(error.message, advice=advice, **error.evidence) if wrong else error
+
+
+def _better_columns(description: Description, recordings: Sequence[Recording]) -> list[str]:
+    from smsid.estimation.mapping_check import wrong_columns
+
+    return wrong_columns(description, [_beginning(r) for r in recordings])
 
 
 def _single_thrusters(recording: Recording) -> bool:

@@ -51,28 +51,6 @@ class Term:
     innovations: InnovationSums
 
 
-def by_recording(terms: Sequence[Term]) -> tuple[Term, ...]:
-    """Return the terms with the pieces of a recording, which share its label, summed."""
-    out: dict[str, Term] = {}
-    for t in terms:
-        own = out.get(t.label)
-        if own is not None:
-            a, b = own.innovations, t.innovations
-            names = ("count", "squares", "products", "pairs")
-            sums = replace(a, **{n: getattr(a, n) + getattr(b, n) for n in names})
-            t = Term(
-                t.label,
-                own.gram + t.gram,
-                own.slope + t.slope,
-                own.scatter + t.scatter,
-                own.log_likelihood + t.log_likelihood,
-                own.samples + t.samples,
-                sums,
-            )
-        out[t.label] = t
-    return tuple(out.values())
-
-
 @dataclass(frozen=True)
 class NormalEquations:
     """All recordings and the prior at a point.
@@ -89,6 +67,28 @@ class NormalEquations:
     slope: np.ndarray
     objective: float
     exact: bool = False
+
+    @property
+    def recordings(self) -> tuple[Term, ...]:
+        """The terms, with the pieces of a recording, which share its label, summed."""
+        out: dict[str, Term] = {}
+        for t in self.terms:
+            own = out.get(t.label)
+            if own is not None:
+                a, b = own.innovations, t.innovations
+                names = ("count", "squares", "products", "pairs")
+                sums = replace(a, **{n: getattr(a, n) + getattr(b, n) for n in names})
+                t = Term(
+                    t.label,
+                    own.gram + t.gram,
+                    own.slope + t.slope,
+                    own.scatter + t.scatter,
+                    own.log_likelihood + t.log_likelihood,
+                    own.samples + t.samples,
+                    sums,
+                )
+            out[t.label] = t
+        return tuple(out.values())
 
     @property
     def information(self) -> np.ndarray:

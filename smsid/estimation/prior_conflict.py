@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtrc
 
-from smsid.estimation.normal_equations import NormalEquations
+if TYPE_CHECKING:
+    from smsid.estimation.normal_equations import NormalEquations
 
 LEVEL = 1e-4  # probability below which recordings contradict the prior
 APART = 3.5  # standard deviations of its prior by which a parameter that is named is off

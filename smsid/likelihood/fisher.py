@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -11,8 +12,6 @@ from threadpoolctl import threadpool_limits
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import ExperimentError
-from smsid.experiments import Experiment
-from smsid.experiments.fly import fly
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.knots import resolved_information
 from smsid.likelihood.nuisance_parameters import Nuisance
@@ -24,6 +23,9 @@ from smsid.likelihood.refine import free_predictions, gradient_matrix, prior_sha
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor
+
+if TYPE_CHECKING:
+    from smsid.experiments import Experiment
 
 
 @short_repr
@@ -123,4 +125,6 @@ def _simulated(description: Description, experiment: Experiment) -> Recording:
         )
     perfect = [s.model_copy(update={"errors": {}, "preset": None}) for s in description.sensor]
     model = build_model(description.with_sensors(*perfect))
+    from smsid.experiments.fly import fly  # what simulates takes time to load
+
     return fly(model, experiment, np.random.default_rng(0)).recording

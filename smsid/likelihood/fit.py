@@ -115,7 +115,7 @@ def fit(
         visits.append(Iterate.of(here, pieces, cost, walked))
         if not (settled and spent and found is not None):
             found = known[1] if known and not iteration else normal_at(pieces, here, prior)
-            past, there, moved = gain, here.point.parameters, np.zeros(len(found.gradient))
+            there, moved = here.point.parameters, np.zeros(len(found.gradient))
             gain = found.motion_gain + float(found.gradient @ found.solved())
         own = gain - found.motion_gain  # what is not the joints' motion alone
         said = "%d: cost %.8g, gain %.3g, %.2g of parameters, noise %.2g, damping %.1e"
@@ -131,10 +131,11 @@ def fit(
             spent = True  # as good as rounding allows
             walked = np.zeros(here.point.parameters.size)
             continue
-        off = abs(
-            cost - step.cost - gain
-        )  # of what was predicted; its share of it is that of the step, about
-        left = gain * min(gain / past, 1.0) if np.isfinite(past) else off**2 / gain
+        off = abs(cost - step.cost - gain)
+        # of the joints' motion alone is no matter: of what parameters gain, by its share in the last two
+        # steps, or by the share of what was predicted, which is about that of the step, that did not come
+        left = own * min(own / past, 1.0) if np.isfinite(past) else own * (off / gain) ** 2
+        past = own
         logger.info("gained %.6g of %.6g, left %.2g", cost - step.cost, gain, left)
         spent = left < LAST and off < 0.2 * gain
         here, damping, moved = step.seen, step.damping, step.step

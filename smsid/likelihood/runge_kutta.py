@@ -26,30 +26,26 @@ B = np.array([11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
 PLACES = tuple(sorted({*C.tolist()}))  # of the stages in a step: (5,) different ones
 
 
-def transitions(rate: Sequence[np.ndarray], h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def transitions(rate: Sequence[np.ndarray], h: np.ndarray, driven: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return what one step makes of x' = rate x + drive(t): x_next = Phi x + sum of Gamma drive by place.
 
     ``rate``: seven arrays (steps, n, n), one per stage; ``h`` (steps,) [s]. Returns Phi (steps, n, n)
-    and Gamma (steps, n, places, n), `PLACES` in order. From the last stage to the first: the derivative of
-    the end by a slope is that of what the slope is used for.
+    and Gamma (steps, n, places, n - driven), `PLACES` in order, by drives of the rows from ``driven`` on.
+    From the last stage to the first: the derivative of the end by a slope is that of what it is used for.
     """
     steps, n, _ = rate[0].shape
-    phi, gamma = np.empty((steps, n, n)), np.zeros((steps, n, len(PLACES), n))
-    block = max(BLOCK // n**2, 1)
+    phi, gamma = np.empty((steps, n, n)), np.zeros((steps, n, len(PLACES), n - driven))
+    block, unit = max(BLOCK // n**2, 1), np.eye(n)
     for first in range(0, steps, block):
         part = slice(first, min(first + block, steps))
         step = h[part, None, None]
-        used = np.empty((STAGES, part.stop - first, n, n))
-        total = np.broadcast_to(np.eye(n), used.shape[1:]).copy()
+        used = np.empty((STAGES, len(step), n, n))
+        flat = used.reshape(STAGES, -1)
         for j in range(STAGES - 1, -1, -1):
-            own = np.broadcast_to(B[j] * step * np.eye(n), used.shape[1:]).copy()
-            for i in range(j + 1, STAGES):
-                if A[i, j] != 0.0:
-                    own += (A[i, j] * step) * used[i]
+            own = step * ((A[j + 1 :, j] @ flat[j + 1 :]).reshape(used[j].shape) + B[j] * unit)
             np.matmul(own, rate[j][part], out=used[j])
-            total += used[j]
-            gamma[part, :, PLACES.index(C[j])] += own
-        phi[part] = total
+            gamma[part, :, PLACES.index(C[j])] += own[..., driven:]
+        phi[part] = used.sum(axis=0) + unit
     return phi, gamma
 
 

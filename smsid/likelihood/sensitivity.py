@@ -142,7 +142,7 @@ class Variation:
         h, width = timeline.h[steps], WINDOW * len(self.follow)
         first = self.first[timeline.step_node[steps]]
         rates = self._rates(here.v[:, :6], linear.by_state, steps, wide.start)
-        phi, ends = transitions([rates[c] for c in C], h)
+        phi, ends = transitions([rates[c] for c in C], h, velocity)  # drives act on velocities alone
         own, motion = (
             timeline.at_stages(x, steps, wide.start) for x in (linear.by_parameter, linear.by_motion)
         )
@@ -151,9 +151,7 @@ class Variation:
             drives[:, i, :, :k] = own[c]
             times = timeline.step_starts[steps] + c * h
             drives[:, i, :, k:] = self._following(motion[c], times, first)
-        # they drive velocities alone
-        ends = ends[..., velocity:].reshape(count, len(phi[0]), -1)
-        gamma = ends @ drives.reshape(count, -1, k + width)
+        gamma = ends.reshape(count, self.rows, -1) @ drives.reshape(count, -1, k + width)
         inner = slice(nodes.start - wide.start, nodes.stop - wide.start)
         times = timeline.evaluations[timeline.node_evaluation[nodes]]
         step = np.full(nodes.stop - nodes.start, -1)

@@ -1,13 +1,18 @@
 """Simulation: adaptive with dense output, and fixed-step for closed loops."""
 
+from typing import TYPE_CHECKING
+
 from smsid._callable import make_callable
-from smsid.inputs.changed import Delayed, Switched
-from smsid.inputs.inputs import Inputs, JointMotion
-from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Steps, Sum
-from smsid.simulate.fixed_step import ClosedLoop, Controller, simulate_closed_loop
-from smsid.simulate.integrate import Tolerance, simulate
-from smsid.simulate.trajectory import Audit, States, Trajectory
-from smsid.simulate.truth import truth_of
+from smsid._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from smsid.inputs.changed import Delayed, Switched
+    from smsid.inputs.inputs import Inputs, JointMotion
+    from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Steps, Sum
+    from smsid.simulate.fixed_step import ClosedLoop, Controller, simulate_closed_loop
+    from smsid.simulate.integrate import Tolerance, simulate
+    from smsid.simulate.trajectory import Audit, States, Trajectory
+    from smsid.simulate.truth import truth_of
 
 __all__ = [
     "Audit",
@@ -32,3 +37,4 @@ __all__ = [
 ]
 
 make_callable(__name__)  # smsid.simulate(...) is that of smsid.api
+_, __getattr__ = lazy_names(__name__)

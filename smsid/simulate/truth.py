@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from smsid.inputs.signals import Signal, sample
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 from smsid.sensing.sensor import Sensor
-from smsid.simulate.trajectory import States, Trajectory
+
+if TYPE_CHECKING:
+    from smsid.simulate.trajectory import States, Trajectory
 
 
 def truth_of(
