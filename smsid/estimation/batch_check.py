@@ -8,7 +8,7 @@ from smsid.estimation.contradictions import Contradiction, Part, contradictions_
 from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
 from smsid.estimation.prior_conflict import PriorConflict, conflict_of, has_mass
 from smsid.likelihood.channels import described_sigma
-from smsid.likelihood.refine import Refinement, free_predictions, reported_parameters
+from smsid.likelihood.refine import Refinement, seen_in
 
 AXES = "xyz"
 
@@ -52,13 +52,10 @@ def batch_conflict(refinement: Refinement) -> PriorConflict | None:
 def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
     """Return which recordings of a batch fit contradict the others; see `contradictions_of`."""
     found = refinement.fit
-    point = found.point
     if len(found.pieces) < 2:
         return ()
-    _, jacobian = refinement.prior.residual(point.parameters)
+    _, jacobian = refinement.prior.residual(found.point.parameters)
     both = zip(found.pieces, found.normal.of_pieces(), strict=True)
     parts = [Part(piece.name, 0.5 * (gram + gram.T), slope) for piece, (gram, slope) in both]
-    rows, _ = reported_parameters(
-        point.parameters, refinement.described, free_predictions(found.pieces, point)
-    )
+    rows, _ = seen_in(found.pieces, found.seen, refinement.described)
     return contradictions_of(parts, jacobian.T @ jacobian, rows)

@@ -184,7 +184,7 @@ def _batch(
     linear, start = _started(description, recordings, cad)
     if tell is not None:
         tell("refining by maximum likelihood")
-    refined = refine(description, recordings, start, cad=cad)
+    refined = refine(description, recordings, start, cad=cad, of_parts=isinstance(start, Refinement))
     quality, disagree = batch_quality(refined), batch_contradictions(refined)
     estimate = refined.estimate
     if quality.judgement == "not explained":

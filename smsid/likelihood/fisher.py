@@ -97,7 +97,7 @@ def _fisher(
                     advice="Give it `errors`, or a preset.",
                 )
     model = build_model(description)
-    several = [flown] if isinstance(flown, Experiment | Recording) else list(flown)
+    several = list(flown) if isinstance(flown, Sequence) else [flown]
     recordings = [x if isinstance(x, Recording) else _simulated(description, x) for x in several]
     pairs = [piece_of(model, r, nuisance, described_noise=True) for r in recordings]
     at = Parameters.of(model)

@@ -87,11 +87,18 @@ class Drive:
 
 
 def measured_drive(
-    model: SpacecraftModel, recording: Recording, start: float, stop: float, *, described_noise: bool = False
+    model: SpacecraftModel,
+    recording: Recording,
+    start: float,
+    stop: float,
+    *,
+    described_noise: bool = False,
+    part: Drive | None = None,
 ) -> Drive:
     """Return what drives a recording: Exp. 1 (thrust, attitude held) or Exp. 2 (free floating).
 
-    Motion is fitted with the noise its samples show, or with ``described_noise`` that of the description.
+    Motion is fitted with the noise its samples show, or with ``described_noise`` that of the description, on
+    knots as close as in what drives a ``part`` of the recording, if that is given.
     Raises `RecordingError` when encoders or tachometers are missing in free floating, `DescriptionError` when
     something moves freely that the refinement cannot predict.
     """
@@ -117,13 +124,23 @@ def measured_drive(
             _quieted(_samples(recording, encoder, quantity, order, described_noise), quantity, still.joints)
             for order, quantity in enumerate(("joint_position", "joint_velocity"))
         ]
-        joints = fit_motion(samples, start, stop, _rate(recording, roles.imu), SHORTEST, encoder.name)
+        joints = fit_motion(
+            samples, start, stop, _rate(recording, roles.imu), SHORTEST, encoder.name, part and part.joints
+        )
     if len(model.wheels):
         tachometer = Roles.of(model, recording, joints=True).tachometer
         assert tachometer is not None
         sample = _samples(recording, tachometer, "wheel_rate", 1, described_noise)
         sample = _quieted(sample, "wheel_rate", still.wheels)
-        wheels = fit_motion([sample], start, stop, _rate(recording, roles.imu), SHORTEST, tachometer.name)
+        wheels = fit_motion(
+            [sample],
+            start,
+            stop,
+            _rate(recording, roles.imu),
+            SHORTEST,
+            tachometer.name,
+            part and part.wheels,
+        )
         _check_covered(sample, start, stop, wheels.spacing)
     return Drive(free, home, False, thrust, joints, wheels)
 

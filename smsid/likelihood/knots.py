@@ -70,7 +70,7 @@ def resolve_motion(found: Fit, prior: Prior, gradients: Gradients) -> tuple[Fit,
         if all(new is old for new, old in zip(pieces, found.pieces, strict=True)):
             limited = any(_has_gaps(p) and not resolves_ringing(p, model) for p in found.pieces)
             return found, not (changed or limited)
-        seen = Evaluation.at(pieces, Point(found.point.parameters, locals_))
+        seen = Evaluation.at(pieces, Point(found.point.parameters, locals_), found.seen)
         finer = normal_at(pieces, seen, prior)
         change = resolution(found.normal, finer, gradients(found.seen, found.pieces))
         logger.info("finer joint motion: sigma x %.3g, shift %.2g sigma", change.growth, change.shift)

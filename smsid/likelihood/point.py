@@ -31,13 +31,24 @@ class Evaluation:
     residuals: tuple[list[np.ndarray], ...]
 
     @classmethod
-    def at(cls, pieces: Sequence[RecordingTerm], point: Point) -> Evaluation:
-        """Predict; raises `SimulationError` when the motion is not finite."""
+    def at(cls, pieces: Sequence[RecordingTerm], point: Point, known: Evaluation | None = None) -> Evaluation:
+        """Predict what is not ``known``, as seen there of the same channels and joints' motion on any knots.
+
+        Raises `SimulationError` when the motion is not finite.
+        """
         predictions, residuals = [], []
-        for piece, local in zip(pieces, point.locals, strict=True):
+        for k, (piece, local) in enumerate(zip(pieces, point.locals, strict=True)):
+            if known is not None and known._shows(k, piece, point):
+                predictions.append(known.predictions[k])
+                residuals.append(known.residuals[k])
+                continue
             predictions.append(piece.predict(point.parameters, local))
             residuals.append(piece.residuals(point.parameters, local, predictions[-1]))
         return cls(point, tuple(predictions), tuple(residuals))
+
+    def _shows(self, k: int, piece: RecordingTerm, point: Point) -> bool:
+        same = point.parameters is self.point.parameters and point.locals[k] is self.point.locals[k]
+        return same and piece.timeline is self.predictions[k].timeline
 
     def cost(self, pieces: Sequence[RecordingTerm], prior: Prior) -> float:
         """Return the sum of squares of whitened residuals, data and priors."""

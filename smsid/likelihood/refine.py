@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -47,6 +48,10 @@ UNRESOLVED = (
     "the joints' motion cannot be told as fast as the craft may ring: standard deviations may be too small; "
     "record the encoders faster and without gaps, or a shorter flight"
 )
+OF_PARTS = (
+    "the search began with the first part of the flight, by which the knots of the measured motion were "
+    "chosen; its last iterations take every sample"
+)
 
 
 @short_repr
@@ -64,11 +69,18 @@ class Refinement:
     estimate: Estimate
     covariance: np.ndarray
     description: Description
-    inertias: dict[str, np.ndarray]
     unseen: tuple[UnseenDirection, ...]
     described: Parameters
     fit: Fit
     prior: Prior
+
+    @cached_property
+    def inertias(self) -> dict[str, np.ndarray]:
+        """Inertial parameters (10,) of the rigid bodies by name, physically consistent."""
+        at = self.fit.point.parameters
+        n = at.inertias.size
+        bodies = consistent_inertias(at, self.described, self.fit.normal.covariance()[:n, :n])
+        return dict(zip(at.layout.names, bodies, strict=True))
 
     def correlation(self, first: str, second: str) -> float:
         """Return the correlation of two parameters of the estimate."""
@@ -82,6 +94,7 @@ def refine(
     *,
     nuisance: Nuisance | None = None,
     cad: Cad | None = None,
+    of_parts: bool = False,
 ) -> Refinement:
     """Refine an identification to the maximum of the likelihood of all channels of all recordings.
 
@@ -94,13 +107,15 @@ def refine(
     search begins at the description's values: good for modes within about 5 %.
     ``nuisance``: what is estimated beside biases and initial pose. ``cad``: what is known of the rigid
     bodies: one standard deviation of all described values, relative to the body's size, or (value, sigma) by
-    name, as in `Prior`; what is known of effects stands in the description.
+    name, as in `Prior`; what is known of effects stands in the description. ``of_parts``: the start is a
+    refinement of a part of each recording. The measured motion then has knots as close as those parts needed,
+    which is not asked again of the whole.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` when the search does not come to
     rest, `DescriptionError` for a spacecraft it cannot predict.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
-        return _refine(description, recordings, start, nuisance or Nuisance(), cad)
+        return _refine(description, recordings, start, nuisance or Nuisance(), cad, of_parts)
 
 
 def _refine(
@@ -109,6 +124,7 @@ def _refine(
     start: Identification | Refinement | None,
     nuisance: Nuisance,
     cad: Cad | None,
+    of_parts: bool,
 ) -> Refinement:
     began = time.perf_counter()
     if not recordings:
@@ -122,7 +138,8 @@ def _refine(
         recording.check_consistency()
     model = build_model(description)
     described = Parameters.of(model)
-    pairs = [piece_of(model, r, nuisance) for r in recordings]
+    parts = start.fit.pieces if of_parts and isinstance(start, Refinement) else [None] * len(recordings)
+    pairs = [piece_of(model, r, nuisance, part=p) for r, p in zip(recordings, parts, strict=True)]
     names = distinct(p.name for p, _ in pairs)  # two flights of one experiment may be called the same
     pieces = [replace(p, name=n) for (p, _), n in zip(pairs, names, strict=True)]
     locals_ = tuple(local for _, local in pairs)
@@ -138,7 +155,7 @@ def _refine(
     def gradients(seen: Evaluation, own: Sequence[RecordingTerm]) -> np.ndarray:
         return np.array([c.gradient for c in seen_in(own, seen, described)[0]])
 
-    found, enough = resolve_motion(sought.found, prior, gradients)
+    found, enough = (sought.found, True) if of_parts else resolve_motion(sought.found, prior, gradients)
     found, clocks = without_right_clocks(found, sought.clocks, prior)
     visits = (*sought.visits, *found.visits[len(sought.found.visits) :])
     searched = time.perf_counter()
@@ -146,6 +163,8 @@ def _refine(
     combinations, notes = seen_in(found.pieces, found.seen, described)
     if not enough:
         notes.append(UNRESOLVED)
+    if of_parts:
+        notes.append(OF_PARTS)
     if clocks:
         off = ", ".join(sorted(clocks))
         notes.append(f"clocks that do not agree with the rest, estimated too: {off}")
@@ -160,12 +179,10 @@ def _refine(
     parameters = with_profiles(parameters, found, prior, covariance)
     parameters += nuisances(found, np.sqrt(np.diag(reported_covariance))[len(combinations) :])
     notes += clock_notes(parameters)
-    n = at.inertias.size
     wide = np.sum(Prior(described).residual(at)[1] ** 2, axis=0)
     unseen = unseen_directions(at, found.normal, wide)
     if cad is not None:
         notes += prior_notes(parameters)
-    bodies = consistent_inertias(at, described, covariance[:n, :n])
     done = time.perf_counter()
     estimate = Estimate(
         description=description.name,
@@ -186,10 +203,7 @@ def _refine(
         history=history_of(visits, found.pieces, found.samples, np.sqrt(np.diag(covariance))[: at.size]),
         covariance=reported_covariance,
     )
-    inertias = dict(zip(at.layout.names, bodies, strict=True))
-    return Refinement(
-        estimate, reported_covariance, at.description(), inertias, unseen, described, found, prior
-    )
+    return Refinement(estimate, reported_covariance, at.description(), unseen, described, found, prior)
 
 
 def _restarted(described: Parameters, start: Refinement) -> Parameters:

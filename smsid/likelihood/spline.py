@@ -150,24 +150,35 @@ class MeasuredMotion:
 
 
 def fit_motion(
-    samples: list[Samples], start: float, stop: float, rate: float, shortest: float, sensor: str = ""
+    samples: list[Samples],
+    start: float,
+    stop: float,
+    rate: float,
+    shortest: float,
+    sensor: str = "",
+    part: MeasuredMotion | None = None,
 ) -> MeasuredMotion:
     """Fit a motion between start and stop [s]; ``rate`` [Hz] is that of the densities.
 
-    Knots are no closer than ``shortest`` [s]. Rates alone leave the angle free by a constant; it starts at
-    zero then. Samples that are not finite are left out, those after the stop (before the start all is at
-    rest), and those far outside of their noise; where there are none the motion goes on smoothly.
+    Knots are no closer than ``shortest`` [s], or as close as in a ``part`` of the motion. Rates alone leave
+    the angle free by a constant; it starts at zero then. Samples that are not finite are left out, those
+    after the stop (before the start all is at rest), and those far outside of their noise; where there are
+    none the motion goes on smoothly.
     """
     samples = [s.only(s.times < stop + SLACK) for s in samples]
     lost = [np.asarray(~np.isfinite(s.values).all(axis=1)) for s in samples]
     samples = [s.only(~with_spikes(s.values, x, s.sigma)) for s, x in zip(samples, lost, strict=True)]
-    fitted = _best(samples, start, stop, shortest)
+    if part is None:
+        fitted = _best(samples, start, stop, shortest)
+    else:
+        fitted = _Fitted.of(samples, start, stop, int(np.ceil((stop - start) / part.spacing - SLACK)))
     for _ in range(CLEANINGS):
         bad = [outliers(s.values - along(fitted.spline, s.times, s.derivative))[0] for s in samples]
         if not any(b.any() for b in bad):
             break
         samples = [s.only(~b) if b.any() else s for s, b in zip(samples, bad, strict=True)]
-        long = len(_stretches(samples, start, stop)) > 1  # then few samples do not decide on the knots
+        # of a long record few samples do not decide on the knots
+        long = part is not None or len(_stretches(samples, start, stop)) > 1
         fitted = (
             _Fitted.of(samples, start, stop, fitted.intervals)
             if long

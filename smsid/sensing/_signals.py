@@ -63,13 +63,13 @@ def recursive_filter(
         x: (N, ...) the input.
         start: (k, ...) added to the right-hand side of the first samples: what was there before.
     """
-    driven = b[0] * x
+    driven = b[0] * np.asfortranarray(x)
     for k in range(1, len(b)):
         driven[k:] += b[k] * x[:-k]
     if start is not None:
         driven[: len(start)] += start
     band = np.asfortranarray(np.broadcast_to(a[:, None], (len(a), len(x))))
-    found, _ = lapack.dtbtrs(band, driven.reshape(len(x), -1), uplo="L")
+    found, _ = lapack.dtbtrs(band, driven.reshape(len(x), -1), uplo="L", diag="U", overwrite_b=1)
     return np.asarray(found.reshape(x.shape))
 
 

@@ -130,6 +130,7 @@ def _identify(
             perturbed=perturbed,
             described=described,
             refine=refine,
+            rate=20.0 if replicates else 10.0,
             replicates=replicates,
         )
         parameters += momentum.parameters
