@@ -115,32 +115,22 @@ def measured_drive(
     if held:
         return Drive(free, home, True, thrust, None, None)
     joints, wheels = None, None
-    still = Still.of(model, recording)
+    still, moving = Still.of(model, recording), Roles.of(model, recording, joints=True)
+    rate = _rate(recording, roles.imu)
     if len(model.arm_joints):
-        roles_ = Roles.of(model, recording, joints=True)
-        encoder = roles_.encoder
-        assert encoder is not None
+        assert moving.encoder is not None
         samples = [
-            _quieted(_samples(recording, encoder, quantity, order, described_noise), quantity, still.joints)
-            for order, quantity in enumerate(("joint_position", "joint_velocity"))
+            _quieted(_samples(recording, moving.encoder, name, order, described_noise), name, still.joints)
+            for order, name in enumerate(("joint_position", "joint_velocity"))
         ]
-        joints = fit_motion(
-            samples, start, stop, _rate(recording, roles.imu), SHORTEST, encoder.name, part and part.joints
-        )
+        like = part and part.joints
+        joints = fit_motion(samples, start, stop, rate, SHORTEST, moving.encoder.name, like)
     if len(model.wheels):
-        tachometer = Roles.of(model, recording, joints=True).tachometer
-        assert tachometer is not None
-        sample = _samples(recording, tachometer, "wheel_rate", 1, described_noise)
+        assert moving.tachometer is not None
+        sample = _samples(recording, moving.tachometer, "wheel_rate", 1, described_noise)
         sample = _quieted(sample, "wheel_rate", still.wheels)
-        wheels = fit_motion(
-            [sample],
-            start,
-            stop,
-            _rate(recording, roles.imu),
-            SHORTEST,
-            tachometer.name,
-            part and part.wheels,
-        )
+        like = part and part.wheels
+        wheels = fit_motion([sample], start, stop, rate, SHORTEST, moving.tachometer.name, like)
         _check_covered(sample, start, stop, wheels.spacing)
     return Drive(free, home, False, thrust, joints, wheels)
 

@@ -6,9 +6,10 @@ leaves out is then taken for the panel's own motion, and as nothing in the model
 the panel at that frequency, their standard deviations come out too small: ten times, on a light bus with a
 heavy arm.
 
-So a maximum is compared with one step towards the maximum of a finer spline that contains the first. It has
-twice as many knots at least, and enough to follow whatever the craft rings at. Where estimates or standard
-deviations differ, the finer spline it is; where nothing rings the comparison is made again.
+So a search begins with knots enough to follow whatever the craft rings at. Where there are such without any
+more, or nothing rings, a maximum is compared with one step towards the maximum of a finer spline that contains
+the first, with twice as many knots at least. Where estimates or standard deviations differ, the finer spline
+it is, and where nothing rings the comparison is made again.
 """
 
 from __future__ import annotations
@@ -111,14 +112,15 @@ def resolution(before: Normal, after: Normal, rows: np.ndarray) -> Resolution:
 
 
 def refined_motion(
-    pieces: Sequence[RecordingTerm], point: Point
+    pieces: Sequence[RecordingTerm], point: Point, most: float = 0.5
 ) -> tuple[tuple[RecordingTerm, ...], tuple[NuisanceValues, ...]]:
     """Return the recordings and their local values with more knots for the same motion.
 
-    A recording that may have no more is returned as it is.
+    Knots are ``most`` of the distance apart that they are, or as close as what rings asks for. A recording
+    that may have no more is returned as it is.
     """
     model = point.parameters.layout.model
-    pairs = [_refined(p, x, model) for p, x in zip(pieces, point.locals, strict=True)]
+    pairs = [_refined(p, x, model, most) for p, x in zip(pieces, point.locals, strict=True)]
     return tuple(p for p, _ in pairs), tuple(x for _, x in pairs)
 
 
@@ -129,12 +131,12 @@ def resolves_ringing(piece: RecordingTerm, model: SpacecraftModel) -> bool:
 
 
 def _refined(
-    piece: RecordingTerm, local: NuisanceValues, model: SpacecraftModel
+    piece: RecordingTerm, local: NuisanceValues, model: SpacecraftModel, most: float
 ) -> tuple[RecordingTerm, NuisanceValues]:
     joints = piece.drive.joints
-    if joints is None or not piece.follows or _has_gaps(piece):
+    if joints is None or _has_gaps(piece):
         return piece, local
-    wanted = min(0.5 * joints.spacing, _period(piece, model) / KNOTS_PER_PERIOD)
+    wanted = min(most * joints.spacing, _period(piece, model) / KNOTS_PER_PERIOD)
     factor = min(int(np.ceil(joints.spacing / wanted)), int(joints.spacing / CLOSEST))
     if factor < 2:
         return piece, local

@@ -20,7 +20,7 @@ from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit
 from smsid.likelihood.history import history_of
 from smsid.likelihood.initial_guess import best_start, candidates
-from smsid.likelihood.knots import resolve_motion
+from smsid.likelihood.knots import refined_motion, resolve_motion
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.null_space import UnseenDirection, unseen_directions
@@ -143,7 +143,9 @@ def _refine(
     names = distinct(p.name for p, _ in pairs)  # two flights of one experiment may be called the same
     pieces = [replace(p, name=n) for (p, _), n in zip(pairs, names, strict=True)]
     locals_ = tuple(local for _, local in pairs)
-    prior = Prior(described, cad)
+    fine, locals_ = refined_motion(pieces, Point(described, locals_), 1.0)
+    chosen = of_parts or any(a is not b for a, b in zip(fine, pieces, strict=True))
+    pieces, prior = fine, Prior(described, cad)
     if isinstance(start, Refinement):
         points = [Point(_restarted(described, start), locals_)]
     else:
@@ -155,7 +157,7 @@ def _refine(
     def gradients(seen: Evaluation, own: Sequence[RecordingTerm]) -> np.ndarray:
         return np.array([c.gradient for c in seen_in(own, seen, described)[0]])
 
-    found, enough = (sought.found, True) if of_parts else resolve_motion(sought.found, prior, gradients)
+    found, enough = (sought.found, True) if chosen else resolve_motion(sought.found, prior, gradients)
     found, clocks = without_right_clocks(found, sought.clocks, prior)
     visits = (*sought.visits, *found.visits[len(sought.found.visits) :])
     searched = time.perf_counter()
