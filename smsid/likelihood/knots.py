@@ -6,10 +6,10 @@ leaves out is then taken for the panel's own motion, and as nothing in the model
 the panel at that frequency, their standard deviations come out too small: ten times, on a light bus with a
 heavy arm.
 
-So a search begins with knots enough to follow whatever the craft rings at. Where there are such without any
-more, or nothing rings, a maximum is compared with one step towards the maximum of a finer spline that contains
-the first, with twice as many knots at least. Where estimates or standard deviations differ, the finer spline
-it is, and where nothing rings the comparison is made again.
+So a search begins with knots enough to follow whatever the craft rings at. Where Akaike's are enough, or
+nothing rings, a maximum is compared with one step towards the maximum of a finer spline that contains the
+first, with twice as many knots at least. Where estimates or standard deviations differ, the finer spline it
+is, and where nothing rings the comparison is made again.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ class Evaluation:
         locals_ = tuple(p.in_true_time(x) if p.follows > old.follows else x for p, old, x in pairs)
         if all(a is b for a, b in zip(locals_, self.point.locals, strict=True)):
             return new, self
-        return new, Evaluation.at(new, Point(self.point.parameters, locals_))
+        return new, Evaluation.at(new, Point(self.point.parameters, locals_), self)
 
     def reweighed(self, pieces: Sequence[RecordingTerm]) -> tuple[RecordingTerm, ...]:
         """Return the pieces with the noise their residuals show."""
