@@ -156,22 +156,6 @@ class ReducedDynamics:
             raise ControlError("The wheels do not act on the base.", advice="Check their axes and inertia.")
         return solution
 
-    def joint_space(
-        self, coordinates: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | None = None
-    ) -> BodyTerms:
-        """Return H qdd + c = J_c^T Q_c (40) in the paper's coordinates (41): roll, pitch, yaw, arm joints.
-
-        ``coordinates``, ``rates`` (3 + n,) q and its derivative [rad, rad/s]; ``wheel_rates`` (w,) [rad/s],
-        by default those of zero total momentum. ``input`` is J_c^T (3 + n, 3 + n).
-        """
-        chart, turning = np.eye(self.size), np.zeros(self.size)
-        chart[:3, :3] = jacobian = pin.rpy.computeRpyJacobian(coordinates[:3], pin.LOCAL)
-        change = pin.rpy.computeRpyJacobianTimeDerivative(coordinates[:3], rates[:3], pin.LOCAL)
-        turning[:3] = change @ rates[:3]
-        terms = self.body_terms(jacobian @ rates[:3], coordinates[3:], rates[3:], wheel_rates)
-        bias = terms.bias + terms.inertia @ turning
-        return BodyTerms(chart.T @ terms.inertia @ chart, chart.T @ bias, chart.T @ self.base_input(terms))
-
     def configuration(self, angles: np.ndarray) -> np.ndarray:
         """Return q of ``pin`` with the arm joints at ``angles`` (n,) [rad]; overwritten by the next call."""
         if self._plain:

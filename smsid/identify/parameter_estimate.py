@@ -52,14 +52,10 @@ class ParameterEstimate:
     def relative_error(self, truth: float, reference: float | None = None) -> float:
         """Return |value - truth| relative to the truth, or to ``reference`` for a small parameter.
 
-        Not a number where that is zero: nothing is a share of zero. `absolute_error` is what there is then.
+        Not a number where that is zero: nothing is a share of zero.
         """
         scale = abs(truth if reference is None else reference)
         return abs(self.value - truth) / scale if scale > 0.0 else math.nan
-
-    def absolute_error(self, truth: float) -> float:
-        """Return |value - truth| [``unit``]."""
-        return abs(self.value - truth)
 
 
 def classify(

@@ -16,10 +16,10 @@ from smsid.likelihood.combinations import Combination
 from smsid.likelihood.knots import resolved_information
 from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Point
+from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import piece_of
-from smsid.likelihood.refine import free_predictions, gradient_matrix, prior_shares, reported_parameters
+from smsid.likelihood.refine import gradient_matrix, prior_shares, seen_in
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -107,7 +107,7 @@ def _fisher(
         # the whitening by what measured wheels add, as the refinement has it
         own = piece.following()
         pieces.append(own.with_input_noise(at, own.predict(at, local)))
-    combinations, _ = reported_parameters(at, at, free_predictions(pieces, point))
+    combinations, _ = seen_in(pieces, Evaluation.at(pieces, point), at)
     rows = np.array([c.gradient for c in combinations])
     normal = resolved_information(pieces, point, Prior(at), rows)
     covariance = normal.covariance()

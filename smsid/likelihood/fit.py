@@ -180,11 +180,6 @@ def minimise(
     raise _stuck(cost, gain, ITERATIONS)
 
 
-def evaluate(pieces: Sequence[RecordingTerm], point: Point, prior: Prior) -> float:
-    """Return the sum of squares of whitened residuals, data and priors."""
-    return Evaluation.at(pieces, point).cost(pieces, prior)
-
-
 @dataclass(frozen=True)
 class _Step:
     seen: Evaluation

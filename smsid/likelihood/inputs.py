@@ -98,7 +98,7 @@ def measured_drive(
     """Return what drives a recording: Exp. 1 (thrust, attitude held) or Exp. 2 (free floating).
 
     Motion is fitted with the noise its samples show, or with ``described_noise`` that of the description, on
-    knots as close as in what drives a ``part`` of the recording, if that is given.
+    knots as close at least as in what drives a ``part`` of the recording, if that is given.
     Raises `RecordingError` when encoders or tachometers are missing in free floating, `DescriptionError` when
     something moves freely that the refinement cannot predict.
     """

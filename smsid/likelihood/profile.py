@@ -10,9 +10,9 @@ from scipy.special import chdtri
 
 from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SimulationError
-from smsid.likelihood.fit import Fit, evaluate, minimise
+from smsid.likelihood.fit import Fit, minimise
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Point, step_point
+from smsid.likelihood.point import Evaluation, Point, step_point
 from smsid.likelihood.prior import Prior
 
 if TYPE_CHECKING:
@@ -103,7 +103,8 @@ def not_gaussian(fit: Fit, prior: Prior, name: str, covariance: np.ndarray) -> b
         step = side * np.sqrt(rise) * covariance[index] / sigma
         try:
             motions = fit.normal.motion_steps(step, newton=False)
-            there = evaluate(fit.pieces, step_point(fit.pieces, fit.point, step, motions), prior)
+            point = step_point(fit.pieces, fit.point, step, motions)
+            there = Evaluation.at(fit.pieces, point).cost(fit.pieces, prior)
         except SimulationError:
             return True
         if not (1.0 - BENT) ** 2 * rise < there - here < (1.0 + BENT) ** 2 * rise:

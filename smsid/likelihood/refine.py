@@ -49,8 +49,8 @@ UNRESOLVED = (
     "record the encoders faster and without gaps, or a shorter flight"
 )
 OF_PARTS = (
-    "the search began with the first part of the flight, by which the knots of the measured motion were "
-    "chosen; its last iterations take every sample"
+    "the search began with the first part of the flight, which told whether the measured motion has knots "
+    "enough; its last iterations take every sample"
 )
 
 
@@ -108,8 +108,8 @@ def refine(
     ``nuisance``: what is estimated beside biases and initial pose. ``cad``: what is known of the rigid
     bodies: one standard deviation of all described values, relative to the body's size, or (value, sigma) by
     name, as in `Prior`; what is known of effects stands in the description. ``of_parts``: the start is a
-    refinement of a part of each recording. The measured motion then has knots as close as those parts needed,
-    which is not asked again of the whole.
+    refinement of a part of each recording. The measured motion then has knots as close at least as those
+    parts needed; whether it needs more is not asked again of the whole.
 
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` when the search does not come to
     rest, `DescriptionError` for a spacecraft it cannot predict.
@@ -217,12 +217,6 @@ def _restarted(described: Parameters, start: Refinement) -> Parameters:
             advice="Start from a refinement of the same description.",
         )
     return described.with_inertias(at.inertias).with_scalars({s.name: s.value for s in at.scalars})
-
-
-def free_predictions(pieces: Sequence[RecordingTerm], point: Point) -> list[Prediction]:
-    """Return the predictions of the free-floating recordings at a point."""
-    pairs = zip(pieces, point.locals, strict=True)
-    return [p.predict(point.parameters, local) for p, local in pairs if not p.drive.held]
 
 
 def seen_in(

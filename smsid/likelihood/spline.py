@@ -160,7 +160,7 @@ def fit_motion(
 ) -> MeasuredMotion:
     """Fit a motion between start and stop [s]; ``rate`` [Hz] is that of the densities.
 
-    Knots are no closer than ``shortest`` [s], or as close as in a ``part`` of the motion. Rates alone leave
+    Knots are no closer than ``shortest`` [s], and as close at least as in a ``part`` of it. Rates alone leave
     the angle free by a constant; it starts at zero then. Samples that are not finite are left out, those
     after the stop (before the start all is at rest), and those far outside of their noise; where there are
     none the motion goes on smoothly.
@@ -168,26 +168,23 @@ def fit_motion(
     samples = [s.only(s.times < stop + SLACK) for s in samples]
     lost = [np.asarray(~np.isfinite(s.values).all(axis=1)) for s in samples]
     samples = [s.only(~with_spikes(s.values, x, s.sigma)) for s, x in zip(samples, lost, strict=True)]
-    if part is None:
-        fitted = _best(samples, start, stop, shortest)
-    else:
-        fitted = _Fitted.of(samples, start, stop, int(np.ceil((stop - start) / part.spacing - SLACK)))
+    longest = np.inf if part is None else part.spacing
+    fitted = _best(samples, start, stop, shortest, longest)
     for _ in range(CLEANINGS):
         bad = [outliers(s.values - along(fitted.spline, s.times, s.derivative))[0] for s in samples]
         if not any(b.any() for b in bad):
             break
         samples = [s.only(~b) if b.any() else s for s, b in zip(samples, bad, strict=True)]
-        # of a long record few samples do not decide on the knots
-        long = part is not None or len(_stretches(samples, start, stop)) > 1
+        long = len(_stretches(samples, start, stop)) > 1  # then few samples do not decide on the knots
         fitted = (
             _Fitted.of(samples, start, stop, fitted.intervals)
             if long
-            else _best(samples, start, stop, shortest)
+            else _best(samples, start, stop, shortest, longest)
         )
     return replace(fitted.motion(rate), samples=tuple(samples), sensor=sensor)
 
 
-def _best(samples: list[Samples], start: float, stop: float, shortest: float) -> _Fitted:
+def _best(samples: list[Samples], start: float, stop: float, shortest: float, longest: float) -> _Fitted:
     best: tuple[float, int] | None = None
     intervals, worse = 4, 0
     stretches = _stretches(samples, start, stop)
@@ -202,7 +199,8 @@ def _best(samples: list[Samples], start: float, stop: float, shortest: float) ->
             worse += 1
         intervals = int(np.ceil(intervals * 1.3))
     assert best is not None
-    return _Fitted.of(samples, start, stop, int(best[1] * (stop - start) / length + SLACK))
+    least = int(np.ceil((stop - start) / longest - SLACK))
+    return _Fitted.of(samples, start, stop, max(int(best[1] * (stop - start) / length + SLACK), least))
 
 
 def _stretches(samples: list[Samples], start: float, stop: float) -> list[tuple[list[Samples], float, float]]:

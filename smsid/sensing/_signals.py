@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import lapack
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from smsid.errors import RecordingError
+from smsid.recording._attitude import slerp
 
 FloatArray = NDArray[np.float64]
 
@@ -43,11 +44,8 @@ def gauss_markov(
     keep = np.exp(-np.diff(times) / correlation_time)
     innovation = np.sqrt(-np.expm1(-2.0 * np.diff(times) / correlation_time))
     white[1:] *= innovation.reshape(-1, *(1,) * (len(shape) - 1))
-    if keep.size and np.ptp(keep) <= 1e-12:
-        return recursive_filter(np.ones(1), np.array([1.0, -float(np.mean(keep))]), white)
-    for k, factor in enumerate(keep):
-        white[k + 1] += factor * white[k]
-    return white
+    band = np.vstack([np.ones(len(times)), -np.append(keep, 0.0)])
+    return np.asarray(lapack.dtbtrs(band, white.reshape(len(times), -1), uplo="L")[0].reshape(shape))
 
 
 def recursive_filter(
@@ -117,9 +115,7 @@ def resample(times: FloatArray, values: FloatArray, at: FloatArray, *, attitude:
     at = np.clip(at, times[0], times[-1])
     if not attitude:
         return np.asarray(CubicSpline(times, values, axis=0)(at))
-    turned = Slerp(times, Rotation.from_quat(values))(at).as_quat()
-    nearest = values[np.clip(np.searchsorted(times, at), 0, times.size - 1)]
-    return np.where(np.sum(turned * nearest, axis=-1, keepdims=True) < 0.0, -1.0, 1.0) * turned
+    return slerp(times, values, at)
 
 
 def given(value: Any) -> bool:

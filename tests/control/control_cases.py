@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from smsid.control.closed_loop import Actuators, Tracking, starting_point, tracking_of
 from smsid.control.pd import ModelBasedController
+from smsid.control.reduced import BodyTerms, ReducedDynamics
 from smsid.control.sensed import measured_truth
 from smsid.control.statespace import StateSpace
 from smsid.control.wheels import WheelLayout
@@ -102,3 +103,23 @@ def track_continuously(
         rows.append((t + dt, q, v, force(t + dt, q, v)))
     time, qs, vs, tau = (np.array(x) for x in zip(*rows, strict=True))
     return tracking_of(model, controller, time, qs, vs, tau, Actuators(model, dt))
+
+
+def joint_space(
+    reduced: ReducedDynamics,
+    coordinates: np.ndarray,
+    rates: np.ndarray,
+    wheel_rates: np.ndarray | None = None,
+) -> BodyTerms:
+    """Return H qdd + c = J_c^T Q_c (40) in the paper's coordinates (41): roll, pitch, yaw, arm joints.
+
+    ``coordinates``, ``rates`` (3 + n,) q and its derivative [rad, rad/s]; ``wheel_rates`` (w,) [rad/s],
+    by default those of zero total momentum. ``input`` is J_c^T (3 + n, 3 + n).
+    """
+    chart, turning = np.eye(reduced.size), np.zeros(reduced.size)
+    chart[:3, :3] = jacobian = pin.rpy.computeRpyJacobian(coordinates[:3], pin.LOCAL)
+    change = pin.rpy.computeRpyJacobianTimeDerivative(coordinates[:3], rates[:3], pin.LOCAL)
+    turning[:3] = change @ rates[:3]
+    terms = reduced.body_terms(jacobian @ rates[:3], coordinates[3:], rates[3:], wheel_rates)
+    bias = terms.bias + terms.inertia @ turning
+    return BodyTerms(chart.T @ terms.inertia @ chart, chart.T @ bias, chart.T @ reduced.base_input(terms))

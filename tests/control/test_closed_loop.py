@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from control_cases import described, paper, random_state, rigid_paper, track_continuously, two_arms
+from control_cases import (
+    described,
+    joint_space,
+    paper,
+    random_state,
+    rigid_paper,
+    track_continuously,
+    two_arms,
+)
 
 from smsid.control.attitude import attitude_error, attitude_errors
 from smsid.control.closed_loop import Actuators, disturbance, left_out, sensor_noise, track
@@ -141,7 +149,7 @@ def test_command_is_the_paper_s_equation():
     found = law.command(0.5, seen)
     jacobian = pin.rpy.computeRpyJacobian(angles, pin.LOCAL)
     rates = np.concatenate([np.linalg.solve(jacobian, v[3:6]), seen.rates])
-    form = law.dynamics.joint_space(np.concatenate([angles, seen.angles]), rates, seen.wheel_rates)
+    form = joint_space(law.dynamics, np.concatenate([angles, seen.angles]), rates, seen.wheel_rates)
     x, dx, ddx = SHORT.at(0.5)
     wanted = ddx + 4.0 * (dx - rates) + 4.0 * (x - np.concatenate([angles, seen.angles]))
     exact = np.linalg.solve(form.input, form.inertia @ wanted + form.bias)

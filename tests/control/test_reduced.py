@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from control_cases import URDF, described, paper, random_state, rigid_paper, two_arms
+from control_cases import URDF, described, joint_space, paper, random_state, rigid_paper, two_arms
 from twins.cases import SKEWED
 from twins.description import write_description
 from twins.mujoco_twin import MujocoTwin
@@ -74,7 +74,8 @@ def test_euler_form_is_the_paper_s_equation(rigid):
         second = np.concatenate(
             [np.linalg.solve(jacobian, full[3:6] - change @ rates), full[rigid.arm_joints.v]]
         )
-        form = reduced.joint_space(
+        form = joint_space(
+            reduced,
             np.concatenate([angles, rigid.joint_angles(q)]),
             np.concatenate([rates, v[rigid.arm_joints.v]]),
             v[rigid.wheels.v],

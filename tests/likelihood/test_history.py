@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from smsid.likelihood import Nuisance, refine
-from smsid.likelihood.fit import evaluate, fit
+from smsid.likelihood.fit import fit
 from smsid.likelihood.history import history_of
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Point
+from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import piece_of
 from smsid.model import build_model
@@ -28,7 +28,9 @@ def test_costs_are_those_of_the_points_visited():
     sigma = np.sqrt(np.diag(found.normal.covariance()))[: start.parameters.size]
     history = history_of(found.visits, found.pieces, found.samples, sigma)
     assert len(history) == found.iterations + 1
-    assert history[0].cost * found.samples == pytest.approx(evaluate(found.pieces, start, prior), rel=1e-9)
+    assert history[0].cost * found.samples == pytest.approx(
+        Evaluation.at(found.pieces, start).cost(found.pieces, prior), rel=1e-9
+    )
     assert history[-1].cost * found.samples == pytest.approx(found.cost, rel=1e-9)
     assert history[-1].cost == min(x.cost for x in history)
     assert history[0].step is None
