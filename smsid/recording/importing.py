@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from smsid._files import sha256
 from smsid._listing import did_you_mean
 from smsid.errors import RecordingError
-from smsid.recording._attitude import slerp
+from smsid.recording._attitude import conjugate, rotate, slerp
 from smsid.recording._clock import check_order
 from smsid.recording._units import convert
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity, quantity_of
@@ -34,7 +33,6 @@ from smsid.recording.recording import Recording
 logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
-INVERSE = np.array([-1.0, -1.0, -1.0, 1.0])  # times a quaternion x y z w
 
 
 def import_recording(
@@ -236,7 +234,7 @@ class _Import:
         values = self._gathered(name, table, quantity)
         if quantity.is_quaternion:
             values = np.roll(values, -1, axis=1) if table.quaternion == "wxyz" else values
-            return values * INVERSE if table.direction == "inertial_to_body" else values
+            return conjugate(values) if table.direction == "inertial_to_body" else values
         if quantity.dims:
             values = self._converted(name, table, quantity, values)
         values = self._signed(name, table, values)
@@ -356,8 +354,7 @@ class _Import:
                 )
             q = slerp(own, q, times)
         turned = np.full(values.shape, np.nan)
-        turn = Rotation.from_quat(q if table.frame == "body" else q * INVERSE).as_matrix()
-        turned[with_values] = np.einsum("nij,n...j->n...i", turn, values[with_values])
+        turned[with_values] = rotate(q if table.frame == "body" else conjugate(q), values[with_values])
         return turned
 
     def _clock(self, name: str, samples: int | None = None) -> FloatArray:

@@ -11,9 +11,8 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from smsid.recording._attitude import slerp
+from smsid.recording._attitude import conjugate, multiply, rotate, rotation_vector, slerp
 from smsid.recording._clock import Gap, find_gaps
 
 FloatArray = NDArray[np.float64]
@@ -135,12 +134,12 @@ class KinematicPair:
     def _between(self, begins: slice, ends: slice) -> FloatArray:
         before, after = self.x[begins], self.x[ends]
         if self.kind == "attitude":
-            return np.asarray((Rotation.from_quat(before).inv() * Rotation.from_quat(after)).as_rotvec())
+            return rotation_vector(multiply(conjugate(before), after))
         if self.attitude is None:
             return after - before
         times, values = self.attitude
         middle = np.clip(0.5 * (self.t[begins] + self.t[ends]), times[0], times[-1])
-        return np.asarray(Rotation.from_quat(slerp(times, values, middle)).inv().apply(after - before))
+        return rotate(conjugate(slerp(times, values, middle)), after - before)
 
 
 def crosses_a_gap(gaps: Sequence[Gap], begins: FloatArray, ends: FloatArray) -> NDArray[np.bool_]:
