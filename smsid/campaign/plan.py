@@ -80,10 +80,6 @@ class Campaign(BaseModel):
     noise: Noise = Noise()
     folder: Annotated[Path, Field(exclude=True)] = Path(".")
 
-    def seed_sequence(self, run: int) -> np.random.SeedSequence:
-        """Return the seed sequence of a run: ``SeedSequence(seed, spawn_key=(run,))``."""
-        return np.random.SeedSequence(self.seed, spawn_key=(run,))
-
     def rng(self, run: int, label: str) -> np.random.Generator:
         """Return the generator of one purpose of a run.
 

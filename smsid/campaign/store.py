@@ -110,11 +110,6 @@ class CampaignStore:
             self._file = -1
 
     @property
-    def succeeded(self) -> int:
-        """Number of runs with a result."""
-        return sum(self._status.values())
-
-    @property
     def failed(self) -> tuple[int, ...]:
         """Runs that ended in an error."""
         return tuple(sorted(run for run, ok in self._status.items() if not ok))

@@ -113,28 +113,26 @@ def identify_spacecraft(
         found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
     except NotIdentifiableError as error:
         raise _with_wrong_columns(error, description, recordings) from None
-    first = found.estimate.notes[0], *_wrong_columns(found.quality, description, recordings)
+    wrong = _better_columns(description, recordings, found.quality.judgement == "not explained")
+    first = found.estimate.notes[0], *wrong
     notes = (*first, f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
     estimate = replace(found.estimate, notes=notes)
     return Identified(estimate, None, None, found, reason, found.quality, found.contradictions)
-
-
-def _wrong_columns(
-    quality: FitQuality, description: Description, recordings: Sequence[Recording]
-) -> list[str]:
-    return _better_columns(description, recordings) if quality.judgement == "not explained" else []
 
 
 def _with_wrong_columns(
     error: SmsidError, description: Description, recordings: Sequence[Recording]
 ) -> SmsidError:
     """Return the error of a search without rest, with the columns that may be wrong; another one as it is."""
-    wrong = _better_columns(description, recordings) if isinstance(error, NotIdentifiableError) else []
+    wrong = _better_columns(description, recordings, isinstance(error, NotIdentifiableError))
     advice = ". ".join([*wrong, error.advice])
     return NotIdentifiableError(error.message, advice=advice, **error.evidence) if wrong else error
 
 
-def _better_columns(description: Description, recordings: Sequence[Recording]) -> list[str]:
+def _better_columns(description: Description, recordings: Sequence[Recording], bad: bool) -> list[str]:
+    """Return which columns may be wrong where a fit is ``bad``."""
+    if not bad:
+        return []
     from smsid.estimation.mapping_check import wrong_columns
 
     return wrong_columns(description, [_beginning(r) for r in recordings])
@@ -193,7 +191,7 @@ def _batch(
             for p in estimate.parameters
         )
         estimate = replace(estimate, parameters=parameters)
-    wrong = _wrong_columns(quality, description, recordings)
+    wrong = _better_columns(description, recordings, quality.judgement == "not explained")
     notes = (quality.sentence, *wrong, *(c.sentence for c in disagree), *doubts, *estimate.notes)
     estimate = replace(estimate, notes=notes)
     return Identified(estimate, linear, refined, None, "", quality, disagree)

@@ -93,8 +93,10 @@ class Split:
         )
 
 
-def skew(w: np.ndarray) -> np.ndarray:
-    """Return the matrices (N, 3, 3) of the cross product with w (N, 3)."""
-    out = np.zeros((len(w), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
-    return out - out.transpose(0, 2, 1)
+def skew(x: np.ndarray) -> np.ndarray:
+    """Return matrices (..., 3, 3) with skew(x) y = x cross y."""
+    out = np.zeros((*x.shape, 3))
+    a, b, c = np.moveaxis(x, -1, 0)
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -c, b, -a
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = c, -b, a
+    return out

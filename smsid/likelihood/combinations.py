@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.identify.momentum_rows import Split, carried_matrix, first_moments
+from smsid.identify.momentum_rows import Split, carried_matrix, first_moments, skew
 from smsid.identify.paper.exp2_result import kind_of
-from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.pseudo_inertia import SIZE

@@ -18,9 +18,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from smsid.identify.momentum_rows import skew
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.inputs import Drive
-from smsid.likelihood.linearised import skew
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.simulate.truth import rotation_matrices

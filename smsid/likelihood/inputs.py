@@ -87,18 +87,11 @@ class Drive:
 
 
 def measured_drive(
-    model: SpacecraftModel,
-    recording: Recording,
-    start: float,
-    stop: float,
-    *,
-    described_noise: bool = False,
-    part: Drive | None = None,
+    model: SpacecraftModel, recording: Recording, start: float, stop: float, *, described_noise: bool = False
 ) -> Drive:
     """Return what drives a recording: Exp. 1 (thrust, attitude held) or Exp. 2 (free floating).
 
-    Motion is fitted with the noise its samples show, or with ``described_noise`` that of the description, on
-    knots as close at least as in what drives a ``part`` of the recording, if that is given.
+    Motion is fitted with the noise its samples show, or with ``described_noise`` that of the description.
     Raises `RecordingError` when encoders or tachometers are missing in free floating, `DescriptionError` when
     something moves freely that the refinement cannot predict.
     """
@@ -123,14 +116,12 @@ def measured_drive(
             _quieted(_samples(recording, moving.encoder, name, order, described_noise), name, still.joints)
             for order, name in enumerate(("joint_position", "joint_velocity"))
         ]
-        like = part and part.joints
-        joints = fit_motion(samples, start, stop, rate, SHORTEST, moving.encoder.name, like)
+        joints = fit_motion(samples, start, stop, rate, SHORTEST, moving.encoder.name)
     if len(model.wheels):
         assert moving.tachometer is not None
         sample = _samples(recording, moving.tachometer, "wheel_rate", 1, described_noise)
         sample = _quieted(sample, "wheel_rate", still.wheels)
-        like = part and part.wheels
-        wheels = fit_motion([sample], start, stop, rate, SHORTEST, moving.tachometer.name, like)
+        wheels = fit_motion([sample], start, stop, rate, SHORTEST, moving.tachometer.name)
         _check_covered(sample, start, stop, wheels.spacing)
     return Drive(free, home, False, thrust, joints, wheels)
 

@@ -112,16 +112,23 @@ def resolution(before: Normal, after: Normal, rows: np.ndarray) -> Resolution:
 
 
 def refined_motion(
-    pieces: Sequence[RecordingTerm], point: Point, most: float = 0.5
+    pieces: Sequence[RecordingTerm], point: Point, most: Sequence[float] | None = None
 ) -> tuple[tuple[RecordingTerm, ...], tuple[NuisanceValues, ...]]:
     """Return the recordings and their local values with more knots for the same motion.
 
-    Knots are ``most`` of the distance apart that they are, or as close as what rings asks for. A recording
-    that may have no more is returned as it is.
+    Knots are ``most`` of the distance apart that they are, by recording, half of it by default; or as close
+    as what rings asks for. A recording that may have no more is returned as it is.
     """
     model = point.parameters.layout.model
-    pairs = [_refined(p, x, model, most) for p, x in zip(pieces, point.locals, strict=True)]
+    shares = [0.5] * len(pieces) if most is None else most
+    pairs = [_refined(p, x, model, m) for p, x, m in zip(pieces, point.locals, shares, strict=True)]
     return tuple(p for p, _ in pairs), tuple(x for _, x in pairs)
+
+
+def motion_ratio(whole: RecordingTerm, part: RecordingTerm) -> float:
+    """Return by how much knots of a recording must be denser to lie as close as in a part of it."""
+    joints, own = whole.drive.joints, part.drive.joints
+    return 1.0 if joints is None or own is None else max(1.0, np.ceil(joints.spacing / own.spacing - 0.1))
 
 
 def resolves_ringing(piece: RecordingTerm, model: SpacecraftModel) -> bool:

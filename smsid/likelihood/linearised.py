@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from smsid.identify.momentum_rows import skew
 from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, symmetric
@@ -142,13 +143,4 @@ def small_adjoint(v: np.ndarray) -> np.ndarray:
     linear, angular = skew(v[:, :3]), skew(v[:, 3:])
     out[:, :3, :3] = out[:, 3:, 3:] = angular
     out[:, :3, 3:] = linear
-    return out
-
-
-def skew(x: np.ndarray) -> np.ndarray:
-    """Return matrices (..., 3, 3) with skew(x) y = x cross y."""
-    out = np.zeros((*x.shape, 3))
-    a, b, c = np.moveaxis(x, -1, 0)
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -c, b, -a
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = c, -b, a
     return out

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from smsid.errors import DescriptionError
-from smsid.likelihood.linearised import skew
+from smsid.identify.momentum_rows import skew
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.sensitivity import Sensitivity
 from smsid.likelihood.time_grid import Timeline

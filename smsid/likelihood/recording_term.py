@@ -278,18 +278,15 @@ def piece_of(
     nuisance: Nuisance,
     *,
     described_noise: bool = False,
-    part: RecordingTerm | None = None,
 ) -> tuple[RecordingTerm, NuisanceValues]:
     """Return a recording as a term of the likelihood, and where its local parameters start.
 
-    Noise comes from the samples, or with ``described_noise`` from the description's error models; ``part``:
-    a part of the recording, whose measured motion has knots as close as that needs. Raises what
+    Noise comes from the samples, or with ``described_noise`` from the description's error models. Raises what
     `measured_drive`, `common_span` and `measured_channels` raise.
     """
     recording = correct_readings(order_columns(recording, model), model.description.effective_sensors())
     start, stop = common_span(model, recording)
-    noise, own = described_noise, part and part.drive
-    drive = measured_drive(model, recording, start, stop, described_noise=noise, part=own)
+    drive = measured_drive(model, recording, start, stop, described_noise=described_noise)
     jumps = drive.thrust.jumps if drive.thrust is not None else np.zeros(0)
     timeline = Timeline.of(start, stop, list(jumps), longest_step(model))
     timeline = _knots_on_grid(drive, timeline)

@@ -20,7 +20,7 @@ from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit
 from smsid.likelihood.history import history_of
 from smsid.likelihood.initial_guess import best_start, candidates
-from smsid.likelihood.knots import refined_motion, resolve_motion
+from smsid.likelihood.knots import motion_ratio, refined_motion, resolve_motion
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.null_space import UnseenDirection, unseen_directions
@@ -50,7 +50,7 @@ UNRESOLVED = (
 )
 OF_PARTS = (
     "the search began with the first part of the flight, which told whether the measured motion has knots "
-    "enough; its last iterations take every sample"
+    "enough: of the whole that was not asked; its last iterations take every sample"
 )
 
 
@@ -138,12 +138,14 @@ def _refine(
         recording.check_consistency()
     model = build_model(description)
     described = Parameters.of(model)
-    parts = start.fit.pieces if of_parts and isinstance(start, Refinement) else [None] * len(recordings)
-    pairs = [piece_of(model, r, nuisance, part=p) for r, p in zip(recordings, parts, strict=True)]
+    pairs = [piece_of(model, r, nuisance) for r in recordings]
     names = distinct(p.name for p, _ in pairs)  # two flights of one experiment may be called the same
     pieces = [replace(p, name=n) for (p, _), n in zip(pairs, names, strict=True)]
     locals_ = tuple(local for _, local in pairs)
-    fine, locals_ = refined_motion(pieces, Point(described, locals_), 1.0)
+    most = [1.0] * len(pieces)
+    if of_parts and isinstance(start, Refinement):  # as close as the part needed
+        most = [1.0 / motion_ratio(whole, part) for whole, part in zip(pieces, start.fit.pieces, strict=True)]
+    fine, locals_ = refined_motion(pieces, Point(described, locals_), most)
     chosen = of_parts or any(a is not b for a, b in zip(fine, pieces, strict=True))
     pieces, prior = fine, Prior(described, cad)
     if isinstance(start, Refinement):

@@ -150,26 +150,18 @@ class MeasuredMotion:
 
 
 def fit_motion(
-    samples: list[Samples],
-    start: float,
-    stop: float,
-    rate: float,
-    shortest: float,
-    sensor: str = "",
-    part: MeasuredMotion | None = None,
+    samples: list[Samples], start: float, stop: float, rate: float, shortest: float, sensor: str = ""
 ) -> MeasuredMotion:
     """Fit a motion between start and stop [s]; ``rate`` [Hz] is that of the densities.
 
-    Knots are no closer than ``shortest`` [s], and as close at least as in a ``part`` of it. Rates alone leave
-    the angle free by a constant; it starts at zero then. Samples that are not finite are left out, those
-    after the stop (before the start all is at rest), and those far outside of their noise; where there are
-    none the motion goes on smoothly.
+    Knots are no closer than ``shortest`` [s]. Rates alone leave the angle free by a constant; it starts at
+    zero then. Samples that are not finite are left out, those after the stop (before the start all is at
+    rest), and those far outside of their noise; where there are none the motion goes on smoothly.
     """
     samples = [s.only(s.times < stop + SLACK) for s in samples]
     lost = [np.asarray(~np.isfinite(s.values).all(axis=1)) for s in samples]
     samples = [s.only(~with_spikes(s.values, x, s.sigma)) for s, x in zip(samples, lost, strict=True)]
-    longest = np.inf if part is None else part.spacing
-    fitted = _best(samples, start, stop, shortest, longest)
+    fitted = _best(samples, start, stop, shortest)
     for _ in range(CLEANINGS):
         bad = [outliers(s.values - along(fitted.spline, s.times, s.derivative))[0] for s in samples]
         if not any(b.any() for b in bad):
@@ -179,12 +171,12 @@ def fit_motion(
         fitted = (
             _Fitted.of(samples, start, stop, fitted.intervals)
             if long
-            else _best(samples, start, stop, shortest, longest)
+            else _best(samples, start, stop, shortest)
         )
     return replace(fitted.motion(rate), samples=tuple(samples), sensor=sensor)
 
 
-def _best(samples: list[Samples], start: float, stop: float, shortest: float, longest: float) -> _Fitted:
+def _best(samples: list[Samples], start: float, stop: float, shortest: float) -> _Fitted:
     best: tuple[float, int] | None = None
     intervals, worse = 4, 0
     stretches = _stretches(samples, start, stop)
@@ -199,8 +191,7 @@ def _best(samples: list[Samples], start: float, stop: float, shortest: float, lo
             worse += 1
         intervals = int(np.ceil(intervals * 1.3))
     assert best is not None
-    least = int(np.ceil((stop - start) / longest - SLACK))
-    return _Fitted.of(samples, start, stop, max(int(best[1] * (stop - start) / length + SLACK), least))
+    return _Fitted.of(samples, start, stop, int(best[1] * (stop - start) / length + SLACK))
 
 
 def _stretches(samples: list[Samples], start: float, stop: float) -> list[tuple[list[Samples], float, float]]:

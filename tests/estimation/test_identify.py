@@ -24,9 +24,10 @@ def test_marginal_combinations_go_to_the_filter_which_marks_them(evidence, monke
     estimate = Estimate("x", "ml", (), notes=("first", "last"))
     quality = SimpleNamespace(judgement="explained")
     flights = SimpleNamespace(estimate=estimate, quality=quality, contradictions=())
-    monkeypatch.setattr(identify, "wrong_columns", lambda *_: [])
+    monkeypatch.setattr("smsid.estimation.mapping_check.wrong_columns", lambda *_: [])
     monkeypatch.setattr(identify, "by_the_paper", raises)
-    monkeypatch.setattr(identify, "identify_flights", lambda *_, **__: flights)
+    flown = "smsid.estimation.identify_flights.identify_flights"
+    monkeypatch.setattr(flown, lambda *_, **__: flights)
     description = SimpleNamespace(effect=())
     if evidence is None:
         with pytest.raises(NotIdentifiableError):
