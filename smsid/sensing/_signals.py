@@ -51,15 +51,10 @@ def gauss_markov(
 def recursive_filter(
     b: FloatArray, a: FloatArray, x: FloatArray, start: FloatArray | None = None
 ) -> FloatArray:
-    """Return y with ``sum a_k y(i - k) = sum b_k x(i - k)`` along the first axis, from rest.
+    """Return y (N, ...) with ``sum a_k y(i - k) = sum b_k x(i - k)`` along the first axis, from rest.
 
-    By a banded triangular system; `scipy.signal` takes longer to load than most filters to run.
-
-    Args:
-        b: (m,) of the input.
-        a: (n,) of the output, ``a[0]`` one.
-        x: (N, ...) the input.
-        start: (k, ...) added to the right-hand side of the first samples: what was there before.
+    ``a[0]`` is one. ``start`` (k, ...) is added to the right-hand side of the first samples. By a banded triangular system;
+    `scipy.signal` takes longer to load than most filters to run.
     """
     driven = b[0] * np.asfortranarray(x)
     for k in range(1, len(b)):

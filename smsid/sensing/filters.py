@@ -15,34 +15,34 @@ from scipy.interpolate import make_interp_spline
 from smsid.errors import RecordingError
 from smsid.sensing._signals import FloatArray, recursive_filter
 
+ORDER = 4  # of the Butterworth low-pass, each way
 Sections = list[tuple[FloatArray, FloatArray]]
 
 
-def zero_phase(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
+def zero_phase(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
     """Filter forwards and backwards with a Butterworth low-pass: no delay, -6 dB at the cutoff.
 
     The gain is the filter's squared. The record is extended at both ends, odd about its end points,
-    until the start of the two passes has settled to 1e-4 (about four periods of the cutoff at order 4), or by
+    until the start of the two passes has settled to 1e-4 (about four periods of the cutoff), or by
     its own length if it is shorter.
 
     Args:
         x: (N, ...) samples [unit].
         rate: sampling rate [Hz].
         cutoff: -6 dB frequency [Hz], below half the rate.
-        order: of each pass.
 
     Raises:
         RecordingError: cutoff not below Nyquist, a sample not finite, or a record shorter than one period of
             the cutoff.
     """
-    data, sections, pad = _prepare(x, rate, cutoff, order)
+    data, sections, pad = _prepare(x, rate, cutoff)
     wide = np.concatenate([2.0 * data[0] - data[pad:0:-1], data, 2.0 * data[-1] - data[-2 : -pad - 2 : -1]])
     for _ in range(2):  # each pass as if its first sample had always been
         wide = (_low_pass(wide - wide[0], sections) + wide[0])[::-1]
     return wide[pad : pad + len(data)]
 
 
-def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
+def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
     """Apply the transpose of `zero_phase` as a matrix (N, N): that is itself but for the ends.
 
     The odd extension about an end point counts that sample many times, so its noise weighs more than others'.
@@ -52,12 +52,11 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int =
         x: (N, ...) what multiplies the filtered samples from the left.
         rate: sampling rate [Hz].
         cutoff: -6 dB frequency [Hz], below half the rate.
-        order: of each pass.
 
     Raises:
         RecordingError: as `zero_phase`.
     """
-    data, sections, pad = _prepare(x, rate, cutoff, order)
+    data, sections, pad = _prepare(x, rate, cutoff)
     n = data.shape[0]
     wide = np.concatenate([np.zeros((pad, *data.shape[1:])), data, np.zeros((pad, *data.shape[1:]))])
     wide = _low_pass(_low_pass(wide, sections)[::-1], sections)[::-1]
@@ -69,17 +68,16 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float, order: int =
     return np.asarray(out)
 
 
-def differentiate(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> FloatArray:
+def differentiate(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
     """Differentiate once with no delay: `zero_phase`, then the slope of the quintic spline through it.
 
     White noise of two-sided density N [unit/sqrt(Hz)] comes out with a sigma of about ``4.6 N cutoff**1.5``
-    [unit/s] at order 4: choose the cutoff with care.
+    [unit/s]: choose the cutoff with care.
 
     Args:
         x: (N, ...) samples [unit].
         rate: sampling rate [Hz].
         cutoff: -6 dB frequency of the low-pass [Hz], below half the rate.
-        order: of each pass of the low-pass.
 
     Returns:
         (N, ...) derivative [unit/s].
@@ -87,7 +85,7 @@ def differentiate(x: ArrayLike, rate: float, cutoff: float, order: int = 4) -> F
     Raises:
         RecordingError: as `zero_phase`.
     """
-    smooth = zero_phase(x, rate, cutoff, order)
+    smooth = zero_phase(x, rate, cutoff)
     times = np.arange(smooth.shape[0]) / rate
     return np.asarray(make_interp_spline(times, smooth, k=5, axis=0).derivative()(times))
 
@@ -114,12 +112,12 @@ def uniform_rate(times: FloatArray, name: str = "record") -> float:
     return float((times.size - 1) / (times[-1] - times[0]))
 
 
-def settling_time(cutoff: float, order: int = 4) -> float:
+def settling_time(cutoff: float) -> float:
     """Return the time [s] in which a Butterworth low-pass with ``cutoff`` [Hz] settles to 1e-4."""
-    return math.log(1e4) / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * order)))
+    return math.log(1e4) / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * ORDER)))
 
 
-def _prepare(x: ArrayLike, rate: float, cutoff: float, order: int) -> tuple[FloatArray, Sections, int]:
+def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, Sections, int]:
     """Return the samples, the filter, and by how many samples to extend them at both ends."""
     if not (math.isfinite(rate) and 0.0 < cutoff < 0.5 * rate):
         raise RecordingError(
@@ -129,11 +127,9 @@ def _prepare(x: ArrayLike, rate: float, cutoff: float, order: int) -> tuple[Floa
             nyquist=0.5 * rate,
             other_flight=True,  # too slow for the paper's method, which is no fault of the recording
         )
-    if order < 1:
-        raise RecordingError(f"A filter of order {order}.", advice="Give 1 or more.", order=order)
     # The slack keeps a rate read off a clock, 200.0000001 Hz, from costing a sample.
-    period = max(math.ceil(rate / cutoff - 1e-6), 3 * (order + 1))
-    wanted, least = max(period, math.ceil(settling_time(cutoff, order) * rate - 1e-6)), period + 1
+    period = max(math.ceil(rate / cutoff - 1e-6), 3 * (ORDER + 1))
+    wanted, least = max(period, math.ceil(settling_time(cutoff) * rate - 1e-6)), period + 1
     data = np.asarray(x, dtype=float)
     samples = data.shape[0] if data.ndim else 0
     if samples < least:
@@ -150,21 +146,16 @@ def _prepare(x: ArrayLike, rate: float, cutoff: float, order: int) -> tuple[Floa
             advice="Filters spread them over the record; cut or fill them first.",
             samples=bad,
         )
-    return data, _butterworth(rate, cutoff, order), min(wanted, samples - 1)
+    return data, _butterworth(rate, cutoff), min(wanted, samples - 1)
 
 
-def _butterworth(rate: float, cutoff: float, order: int) -> Sections:
+def _butterworth(rate: float, cutoff: float) -> Sections:
     """Return numerators and denominators of a low-pass, -3 dB at the cutoff: bilinear, its poles in pairs."""
     k = math.tan(math.pi * cutoff / rate)
-    found = []
-    for pole in range(order // 2):
-        damping = 2.0 * k * math.sin(math.pi * (2 * pole + 1) / (2 * order))
-        size = 1.0 + damping + k**2
-        a = np.array([size, 2.0 * (k**2 - 1.0), 1.0 - damping + k**2]) / size
-        found.append((k**2 / size * np.array([1.0, 2.0, 1.0]), a))
-    if order % 2:
-        found.append((np.full(2, k / (1.0 + k)), np.array([1.0, (k - 1.0) / (k + 1.0)])))
-    return found
+    damping = 2.0 * k * np.sin(math.pi * np.arange(1, ORDER, 2) / (2 * ORDER))
+    size = 1.0 + damping + k**2
+    low = k**2 * np.array([1.0, 2.0, 1.0])
+    return [(low / n, np.array([1.0, 2.0 * (k**2 - 1.0) / n, 2.0 * (1.0 + k**2) / n - 1.0])) for n in size]
 
 
 def _low_pass(x: FloatArray, sections: Sections) -> FloatArray:
