@@ -39,7 +39,7 @@ from smsid.likelihood.report import (
     prior_notes,
     with_profiles,
 )
-from smsid.likelihood.search import search, without_right_clocks
+from smsid.likelihood.search import search
 from smsid.likelihood.stationary_joints import held_joints, not_seen
 from smsid.model import build_model
 from smsid.recording import Recording
@@ -160,7 +160,6 @@ def _refine(
         return np.array([c.gradient for c in seen_in(own, seen, described)[0]])
 
     found, enough = (sought.found, True) if chosen else resolve_motion(sought.found, prior, gradients)
-    found, clocks = without_right_clocks(found, sought.clocks, prior)
     visits = (*sought.visits, *found.visits[len(sought.found.visits) :])
     searched = time.perf_counter()
     at = found.point.parameters
@@ -169,8 +168,8 @@ def _refine(
         notes.append(UNRESOLVED)
     if of_parts:
         notes.append(OF_PARTS)
-    if clocks:
-        off = ", ".join(sorted(clocks))
+    if sought.clocks:
+        off = ", ".join(sorted(sought.clocks))
         notes.append(f"clocks that do not agree with the rest, estimated too: {off}")
     covariance = found.normal.covariance()
     jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)

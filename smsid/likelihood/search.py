@@ -62,25 +62,6 @@ def search(pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Prior) -> S
         names = [n for n in names if n not in more]
 
 
-def without_right_clocks(found: Fit, clocks: Sequence[str], prior: Prior) -> tuple[Fit, tuple[str, ...]]:
-    """Return a fit without those of the clocks sought that turn out to be right, and the others.
-
-    A motion of the joints that could not be followed looks like readings of the panel that come late; on
-    finer knots it does not. Raises `NotIdentifiableError` when the search does not come to rest.
-    """
-    wrong = tuple(n for n in clocks if n not in right_clocks(found, clocks))
-    if len(wrong) == len(clocks):
-        return found, wrong
-    own = [p.with_clocks(wrong) for p in found.pieces]
-    locals_ = tuple(
-        replace(x, clock={**zero_clocks(p.slots), **{n: x.clock[n] for n in wrong if n in x.clock}})
-        for p, x in zip(own, found.point.locals, strict=True)
-    )
-    again = fit(own, Point(found.point.parameters, locals_), prior)
-    steps = found.iterations + again.iterations
-    return replace(again, iterations=steps, visits=(*found.visits, *again.visits)), wrong
-
-
 def _looked_around(
     pieces: Sequence[RecordingTerm],
     start: Point,
