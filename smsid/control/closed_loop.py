@@ -28,7 +28,7 @@ from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing.sensor import Sensor
 from smsid.simulate.fixed_step import simulate_closed_loop
-from smsid.simulate.truth import rotations
+from smsid.simulate.truth import rotation_matrices
 
 logger = logging.getLogger(__name__)
 
@@ -200,7 +200,7 @@ def tracking_of(
     wanted = sampled_motion(controller.reference, time)
     position, rate = wanted[:, 0], wanted[:, 1]
     base, base_rate = attitude_errors(
-        controller.coordinates, rotations(q), v[:, 3:6], position[:, :3], rate[:, :3]
+        controller.coordinates, rotation_matrices(q[:, 3:7]), v[:, 3:6], position[:, :3], rate[:, :3]
     )
     error = np.hstack([base, position[:, 3:] - model.joint_angles(q)])
     error_rate = np.hstack([base_rate, rate[:, 3:] - v[:, model.arm_joints.v]])

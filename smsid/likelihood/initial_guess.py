@@ -23,33 +23,31 @@ logger = logging.getLogger(__name__)
 TRUST = 0.01  # the linear method's results are trusted no further than this, relative to the body's size
 
 
-def best_start(pieces: Sequence[RecordingTerm], points: Sequence[Point], prior: Prior) -> Evaluation:
-    """Return what is seen at the point nearest to the data: a biased sensor can spoil the linear method.
+def best_start(pieces: Sequence[RecordingTerm], points: Sequence[Point], prior: Prior) -> Point:
+    """Return the point whose prediction is nearest to the data: a biased sensor can spoil the linear method.
 
     The last is asked first, and taken without a look at the others where it is near the maximum.
 
     Raises `SimulationError` when none of them can be predicted from.
     """
+    if len(points) == 1:
+        return points[0]
     costs: list[float] = []
-    best: Evaluation | None = None
     failure: SimulationError | None = None
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
     for point in (points := points[::-1]):
         try:
-            seen = Evaluation.at(pieces, point)
-            costs.append(seen.cost(pieces, prior))
-            if costs[-1] <= min(costs):
-                best = seen
+            costs.append(Evaluation.at(pieces, point).cost(pieces, prior))
             if costs[0] < NEARBY * samples:
                 break
         except SimulationError as error:
             failure = error
             costs.append(np.inf)
-    if best is None:
-        assert failure is not None
+    best = int(np.argmin(costs))
+    if failure is not None and not np.isfinite(costs[best]):
         raise failure
     logger.info("starting candidates: %s", ", ".join(f"{c:.4g}" for c in costs))
-    return best
+    return points[best]
 
 
 def candidates(described: Parameters, found: Identification | None) -> list[Parameters]:

@@ -38,17 +38,14 @@ class Evaluation:
         """
         predictions, residuals = [], []
         for k, (piece, local) in enumerate(zip(pieces, point.locals, strict=True)):
-            if known is not None and known._shows(k, piece, point):
+            same = known is not None and point.parameters is known.point.parameters
+            if same and local is known.point.locals[k] and piece.timeline is known.predictions[k].timeline:
                 predictions.append(known.predictions[k])
                 residuals.append(known.residuals[k])
                 continue
             predictions.append(piece.predict(point.parameters, local))
             residuals.append(piece.residuals(point.parameters, local, predictions[-1]))
         return cls(point, tuple(predictions), tuple(residuals))
-
-    def _shows(self, k: int, piece: RecordingTerm, point: Point) -> bool:
-        same = point.parameters is self.point.parameters and point.locals[k] is self.point.locals[k]
-        return same and piece.timeline is self.predictions[k].timeline
 
     def cost(self, pieces: Sequence[RecordingTerm], prior: Prior) -> float:
         """Return the sum of squares of whitened residuals, data and priors."""

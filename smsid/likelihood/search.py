@@ -12,7 +12,7 @@ from smsid.likelihood.clocks import GUARD, away_from_jumps, largest_clock_shift,
 from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, fit
 from smsid.likelihood.history import Iterate
 from smsid.likelihood.nuisance_parameters import zero_clocks
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Point
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
 
@@ -29,8 +29,8 @@ class Search:
     visits: tuple[Iterate, ...]
 
 
-def search(pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Prior) -> Search:
-    """Return the maximum of the likelihood near what is ``seen`` at a start, and clocks that are wrong.
+def search(pieces: Sequence[RecordingTerm], start: Point, prior: Prior) -> Search:
+    """Return the maximum of the likelihood near ``start``, with the clocks that do not agree with the rest.
 
     A clock is doubted at the maximum without it (`worst_clock`), or where a search is that does not come to
     rest. Then the search begins anew: what a wrong clock leads to may be another maximum. A clock that turns
@@ -45,10 +45,10 @@ def search(pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Prior) -> S
     while True:
         own = [p.with_clocks(names) for p in pieces]
         locals_ = tuple(
-            replace(x, clock={**zero, **{n: k[n] for n in names if n in k}}) if zero else x
-            for x, k, zero in zip(seen.point.locals, known, (zero_clocks(p.slots) for p in own), strict=True)
+            replace(x, clock={**zero_clocks(p.slots), **{n: k[n] for n in names if n in k}})
+            for p, x, k in zip(own, start.locals, known, strict=True)
         )
-        where, worst = _looked_around(own, Point(seen.point.parameters, locals_), seen, prior, right, visits)
+        where, worst = _looked_around(own, Point(start.parameters, locals_), prior, right, visits)
         assert where.seen is not None
         known = [x.clock for x in where.seen.point.locals]
         if worst is not None:
@@ -63,18 +63,13 @@ def search(pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Prior) -> S
 
 
 def _looked_around(
-    pieces: Sequence[RecordingTerm],
-    start: Point,
-    known: Evaluation,
-    prior: Prior,
-    right: Collection[str],
-    visits: list[Iterate],
+    pieces: Sequence[RecordingTerm], start: Point, prior: Prior, right: Collection[str], visits: list[Iterate]
 ) -> tuple[Fit | ConvergenceError, str | None]:
     """The maximum, or where a search is stuck for a wrong clock; and which clock is to be doubted there."""
     where: Fit | ConvergenceError
     for patience in (PATIENCE, ITERATIONS):
         try:
-            where = _searched(pieces, start, known, prior, visits, patience)
+            where = _searched(pieces, start, prior, visits, patience)
         except ConvergenceError as stuck:
             if stuck.seen is None:
                 raise
@@ -89,18 +84,13 @@ def _looked_around(
 
 
 def _searched(
-    pieces: Sequence[RecordingTerm],
-    start: Point,
-    known: Evaluation,
-    prior: Prior,
-    visits: list[Iterate],
-    patience: int,
+    pieces: Sequence[RecordingTerm], start: Point, prior: Prior, visits: list[Iterate], patience: int
 ) -> Fit:
     """The maximum near a start; where clocks are sought, samples near jumps are chosen by where they end."""
     moved = 0.0
     for _ in range(ROUNDS):
         own = [away_from_jumps(p, local) for p, local in zip(pieces, start.locals, strict=True)]
-        found = fit(own, start, prior, patience, known=(known, None))
+        found = fit(own, start, prior, patience)
         visits += found.visits
         moved = largest_clock_shift(start.locals, found.point.locals, found.pieces)
         if moved < GUARD / 2:

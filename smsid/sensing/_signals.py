@@ -53,8 +53,8 @@ def recursive_filter(
 ) -> FloatArray:
     """Return y (N, ...) with ``sum a_k y(i - k) = sum b_k x(i - k)`` along the first axis, from rest.
 
-    ``a[0]`` is one. ``start`` (k, ...) is added to the right-hand side of the first samples. By a banded triangular system;
-    `scipy.signal` takes longer to load than most filters to run.
+    ``a[0]`` is one; ``start`` (k, ...) is added to the right-hand side of the first samples. By a banded
+    triangular system: `scipy.signal` takes longer to load than most filters to run.
     """
     driven = b[0] * np.asfortranarray(x)
     for k in range(1, len(b)):

@@ -16,7 +16,6 @@ from smsid.errors import RecordingError
 from smsid.sensing._signals import FloatArray, recursive_filter
 
 ORDER = 4  # of the Butterworth low-pass, each way
-Sections = list[tuple[FloatArray, FloatArray]]
 
 
 def zero_phase(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
@@ -35,10 +34,10 @@ def zero_phase(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
         RecordingError: cutoff not below Nyquist, a sample not finite, or a record shorter than one period of
             the cutoff.
     """
-    data, sections, pad = _prepare(x, rate, cutoff)
+    data, pad = _prepare(x, rate, cutoff)
     wide = np.concatenate([2.0 * data[0] - data[pad:0:-1], data, 2.0 * data[-1] - data[-2 : -pad - 2 : -1]])
     for _ in range(2):  # each pass as if its first sample had always been
-        wide = (_low_pass(wide - wide[0], sections) + wide[0])[::-1]
+        wide = (_low_pass(wide - wide[0], rate, cutoff) + wide[0])[::-1]
     return wide[pad : pad + len(data)]
 
 
@@ -56,10 +55,10 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float) -> FloatArra
     Raises:
         RecordingError: as `zero_phase`.
     """
-    data, sections, pad = _prepare(x, rate, cutoff)
+    data, pad = _prepare(x, rate, cutoff)
     n = data.shape[0]
     wide = np.concatenate([np.zeros((pad, *data.shape[1:])), data, np.zeros((pad, *data.shape[1:]))])
-    wide = _low_pass(_low_pass(wide, sections)[::-1], sections)[::-1]
+    wide = _low_pass(_low_pass(wide, rate, cutoff)[::-1], rate, cutoff)[::-1]
     left, out, right = wide[:pad], wide[pad : pad + n].copy(), wide[pad + n :]
     out[0] += 2.0 * left.sum(axis=0)
     out[1 : pad + 1] -= left[::-1]
@@ -117,8 +116,8 @@ def settling_time(cutoff: float) -> float:
     return math.log(1e4) / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * ORDER)))
 
 
-def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, Sections, int]:
-    """Return the samples, the filter, and by how many samples to extend them at both ends."""
+def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, int]:
+    """Return the samples, and by how many samples to extend them at both ends."""
     if not (math.isfinite(rate) and 0.0 < cutoff < 0.5 * rate):
         raise RecordingError(
             f"A cutoff of {cutoff} Hz is not between 0 and Nyquist, {0.5 * rate} Hz, of a rate of {rate} Hz.",
@@ -146,19 +145,14 @@ def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, Sect
             advice="Filters spread them over the record; cut or fill them first.",
             samples=bad,
         )
-    return data, _butterworth(rate, cutoff), min(wanted, samples - 1)
+    return data, min(wanted, samples - 1)
 
 
-def _butterworth(rate: float, cutoff: float) -> Sections:
-    """Return numerators and denominators of a low-pass, -3 dB at the cutoff: bilinear, its poles in pairs."""
+def _low_pass(x: FloatArray, rate: float, cutoff: float) -> FloatArray:
+    """Filter forwards from rest, -3 dB at the cutoff: bilinear, Butterworth's poles in pairs."""
     k = math.tan(math.pi * cutoff / rate)
-    damping = 2.0 * k * np.sin(math.pi * np.arange(1, ORDER, 2) / (2 * ORDER))
-    size = 1.0 + damping + k**2
-    low = k**2 * np.array([1.0, 2.0, 1.0])
-    return [(low / n, np.array([1.0, 2.0 * (k**2 - 1.0) / n, 2.0 * (1.0 + k**2) / n - 1.0])) for n in size]
-
-
-def _low_pass(x: FloatArray, sections: Sections) -> FloatArray:
-    for b, a in sections:
-        x = recursive_filter(b, a, x)
+    for sine in np.sin(math.pi * np.arange(1, ORDER, 2) / (2 * ORDER)):
+        size = 1.0 + 2.0 * k * sine + k**2
+        a = np.array([1.0, 2.0 * (k**2 - 1.0) / size, 2.0 * (1.0 + k**2) / size - 1.0])
+        x = recursive_filter(k**2 / size * np.array([1.0, 2.0, 1.0]), a, x)
     return x

@@ -40,11 +40,6 @@ def truth_of(
     return truth
 
 
-def rotations(q: np.ndarray) -> np.ndarray:
-    """Return body-to-inertial rotation matrices (N, 3, 3) of configurations (N, nq) of a free-flyer."""
-    return rotation_matrices(q[:, 3:7])
-
-
 def rotation_matrices(quaternion: np.ndarray) -> np.ndarray:
     """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), x y z w."""
     x, y, z, w = np.moveaxis(quaternion, -1, 0)
@@ -67,7 +62,7 @@ def exact_readings(
     n = len(s.time)
     base_v = s.v[:, :6] if model.free else np.zeros((n, 6))
     base_a = s.a[:, :6] if model.free else np.zeros((n, 6))
-    rotation = rotations(s.q) if model.free else np.tile(np.eye(3), (n, 1, 1))
+    rotation = rotation_matrices(s.q[:, 3:7]) if model.free else np.tile(np.eye(3), (n, 1, 1))
     omega = base_v[:, 3:]
     match sensor.kind:
         case "pose":
