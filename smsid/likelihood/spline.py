@@ -315,20 +315,18 @@ def along(spline: BSpline, times: np.ndarray, derivative: int) -> np.ndarray:
 def basis_sums(
     times: np.ndarray, knots: np.ndarray, derivative: int, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return X^T X as `bands` (6, m) and X^T columns (m, k); X the basis on ``knots`` at ``times`` (N,)."""
+    """Return X^T X as `bands` (6, m) and X^T columns (m, k); X the basis on ``knots`` at rising ``times``."""
     size = len(knots) - DEGREE - 1
     gram, sums = np.zeros((DEGREE + 1, size)), np.zeros((size, columns.shape[1]))
     for start in range(0, len(times), ROWS):
         own = columns[start : start + ROWS]
         values, first = _acting(times[start : start + ROWS], knots, derivative)
-        values, low = np.ascontiguousarray(values.T), int(first.min())
-        stop = int(first.max()) + DEGREE + 1
+        values, begins = np.ascontiguousarray(values.T), np.flatnonzero(np.diff(first, prepend=-1))
+        interval = first[begins]
         for i, x in enumerate(values):
-            place = first - low + i
             for d in range(DEGREE + 1 - i):
-                gram[d, low:stop] += np.bincount(place, x * values[i + d], stop - low)
-            for k in range(columns.shape[1]):
-                sums[low:stop, k] += np.bincount(place, x * own[:, k], stop - low)
+                gram[d, interval + i] += np.add.reduceat(x * values[i + d], begins)
+            sums[interval + i] += np.add.reduceat(x[:, None] * own, begins, axis=0)
     return gram, sums
 
 
