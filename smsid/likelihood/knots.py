@@ -58,15 +58,18 @@ class Resolution:
         return self.growth < GROWTH and self.shift < SHIFT
 
 
-def resolve_motion(found: Fit, prior: Prior, gradients: Gradients) -> tuple[Fit, bool]:
+def resolve_motion(found: Fit, prior: Prior, gradients: Gradients, changed: bool) -> tuple[Fit, bool]:
     """Return the maximum with knots enough; and whether they are: not where there may be no more of them.
 
     As in a record with gaps between the readings of its joints: what a spline does there, no reading says.
+    ``changed``: there are more of them already than Akaike's.
 
     Raises `NotIdentifiableError` when a search does not come to rest.
     """
-    model, changed = found.point.parameters.layout.model, False
+    model = found.point.parameters.layout.model
     while True:
+        if changed and all(resolves_ringing(p, model) for p in found.pieces):
+            return found, True
         pieces, locals_ = refined_motion(found.pieces, found.point)
         if all(new is old for new, old in zip(pieces, found.pieces, strict=True)):
             limited = any(_has_gaps(p) and not resolves_ringing(p, model) for p in found.pieces)
@@ -80,8 +83,6 @@ def resolve_motion(found: Fit, prior: Prior, gradients: Gradients) -> tuple[Fit,
         again, changed = fit(pieces, seen.point, prior, known=(seen, finer)), True
         steps = found.iterations + again.iterations
         found = replace(again, iterations=steps, visits=(*found.visits, *again.visits))
-        if all(resolves_ringing(p, model) for p in pieces):
-            return found, True
 
 
 def resolved_information(

@@ -48,10 +48,7 @@ UNRESOLVED = (
     "the joints' motion cannot be told as fast as the craft may ring: standard deviations may be too small; "
     "record the encoders faster and without gaps, or a shorter flight"
 )
-OF_PARTS = (
-    "the search began with the first part of the flight, which told whether the measured motion has knots "
-    "enough: of the whole that was not asked; its last iterations take every sample"
-)
+OF_PARTS = "the search began with a first part, by which knots were judged; it ended with every sample"
 
 
 @short_repr
@@ -146,7 +143,7 @@ def _refine(
     if of_parts and isinstance(start, Refinement):  # as close as the part needed
         most = [1.0 / motion_ratio(whole, part) for whole, part in zip(pieces, start.fit.pieces, strict=True)]
     fine, locals_ = refined_motion(pieces, Point(described, locals_), most)
-    chosen = of_parts or any(a is not b for a, b in zip(fine, pieces, strict=True))
+    finer = any(a is not b for a, b in zip(fine, pieces, strict=True))
     pieces, prior = fine, Prior(described, cad)
     if isinstance(start, Refinement):
         points = [Point(_restarted(described, start), locals_)]
@@ -159,7 +156,9 @@ def _refine(
     def gradients(seen: Evaluation, own: Sequence[RecordingTerm]) -> np.ndarray:
         return np.array([c.gradient for c in seen_in(own, seen, described)[0]])
 
-    found, enough = (sought.found, True) if chosen else resolve_motion(sought.found, prior, gradients)
+    found, enough = sought.found, True
+    if not of_parts:
+        found, enough = resolve_motion(found, prior, gradients, finer)
     visits = (*sought.visits, *found.visits[len(sought.found.visits) :])
     searched = time.perf_counter()
     at = found.point.parameters

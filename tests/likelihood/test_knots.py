@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,9 +17,10 @@ from smsid.estimation.batch_check import batch_contradictions
 from smsid.experiments import fly, named_experiment
 from smsid.likelihood import Refinement, fisher_information, refine
 from smsid.likelihood.fit import fit
-from smsid.likelihood.knots import _has_gaps, refined_motion, resolution
+from smsid.likelihood.knots import _has_gaps, refined_motion, resolution, resolves_ringing
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.point import Point
+from smsid.likelihood.refine import OF_PARTS
 from smsid.likelihood.spline import Samples, fit_motion
 from smsid.model import build_model
 from smsid.recording import Recording
@@ -81,6 +83,13 @@ def test_the_bound_is_of_the_same_motion(craft, clean, found):
         assert found[0].estimate[name].sigma == pytest.approx(bound[name], rel=0.1)
 
 
+def test_a_search_begins_with_knots_that_follow_what_rings(found):
+    """It had been made twice: by the encoders' knots, then by these."""
+    for r in found:
+        assert all(resolves_ringing(p, r.fit.point.parameters.layout.model) for p in r.fit.pieces)
+        assert [v.step is None for v in r.estimate.history].count(True) == 1
+
+
 def test_two_flights_of_the_same_craft_do_not_contradict_each_other(craft, clean):
     recordings = [noisy(craft, clean[name], seed) for seed, name in enumerate(("exp1", "exp2"), start=1)]
     found = refine(craft, recordings)
@@ -129,3 +138,18 @@ def test_a_search_with_knots_as_close_as_nodes_comes_to_rest():
     sigma = np.sqrt(np.diag(found.normal.covariance()))
     own = np.abs(found.normal.solved()) / sigma
     assert own[: found.point.parameters.size].max() < 0.03
+
+
+def test_a_long_flight_has_knots_as_close_as_its_part_needed():
+    """Whether they are enough is asked of the part alone, and a note says so."""
+    whole = to_and_fro(build_model(rigid()), 6000)
+    part = refine(rigid(), [whole.window(0.0, 40.0)])
+    pieces, locals_ = refined_motion(part.fit.pieces, part.fit.point)
+    finer = replace(part, fit=fit(pieces, Point(part.fit.point.parameters, locals_), part.prior))
+    found = refine(rigid(), [whole], finer, of_parts=True)
+    assert found.fit.pieces[0].drive.joints.spacing < 1.1 * pieces[0].drive.joints.spacing
+    assert OF_PARTS in found.estimate.notes and OF_PARTS not in part.estimate.notes
+    assert found.fit.seen.predictions[0].timeline.edges[-1] == pytest.approx(59.99)
+    known = [p for p in found.estimate.parameters if p.nominal is not None and p.status == "identifiable"]
+    off = np.array([(p.value - p.nominal) / p.sigma for p in known])
+    assert np.sqrt(np.mean(off**2)) < 1.6
