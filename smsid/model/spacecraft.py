@@ -270,12 +270,13 @@ def group_angles(model: pin.Model, group: JointGroup, q: np.ndarray) -> np.ndarr
 def set_group_angles(model: pin.Model, group: JointGroup, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Return copies (..., nq) of q (nq,) with a group's joints at angles (..., joints)."""
     angles = np.asarray(angles, dtype=float)
-    out = np.array(np.broadcast_to(q, (*angles.shape[:-1], len(q))), dtype=float)
-    for j, k, angle in zip(group.joints, group.q, np.moveaxis(angles, -1, 0), strict=True):
-        if model.joints[int(j)].nq == 1:
-            out[..., k] = angle
+    out = np.empty((*angles.shape[:-1], len(q)))
+    out[...] = q
+    for i, (j, k) in enumerate(zip(group.joints.tolist(), group.q.tolist(), strict=True)):
+        if model.joints[j].nq == 1:
+            out[..., k] = angles[..., i]
         else:
-            out[..., k], out[..., k + 1] = np.cos(angle), np.sin(angle)
+            out[..., k], out[..., k + 1] = np.cos(angles[..., i]), np.sin(angles[..., i])
     return out
 
 
