@@ -23,7 +23,7 @@ from smsid._files import atomic_write  # noqa: E402
 
 
 def environment(*packages: str) -> dict[str, Any]:
-    """Return CPU model, cores, system, Python, and the versions of the packages that are installed."""
+    """Return CPU model, cores, load, system, Python, and the versions of the packages that are installed."""
     versions = {}
     for package in packages:
         try:
@@ -33,6 +33,7 @@ def environment(*packages: str) -> dict[str, Any]:
     return {
         "cpu": _cpu(),
         "cores": os.cpu_count(),
+        "load average": round(os.getloadavg()[1], 1),  # of five minutes
         "system": platform.system(),
         "python": platform.python_version(),
         "versions": versions,

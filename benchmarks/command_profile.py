@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import pstats
 import subprocess
 import sys
@@ -88,7 +89,8 @@ def main() -> None:
             stats = profiled(command.format(craft=CRAFT).split(), folder)
             shares = {part: round(share_of(stats, names), 3) for part, names in PARTS.items()}
             shares["work"] = round(max(0.0, 1.0 - sum(shares.values())), 3)
-            rows[label] = {"seconds_profiled": round(stats.total_tt, 2), **shares}
+            load = round(os.getloadavg()[0], 1)
+            rows[label] = {"seconds_profiled": round(stats.total_tt, 2), **shares, "load average": load}
             earlier.discard(label)
             print(label, json.dumps(rows[label]), flush=True)
             above = [f"{c}: {p}" for c, row in rows.items() for p in PARTS if row[p] > 0.2]

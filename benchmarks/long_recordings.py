@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -160,6 +161,7 @@ def one(file: str, method: str) -> dict[str, Any]:
             ),
         }
     result["cpu_seconds"] = time.process_time() - begin
+    result["load average"] = round(os.getloadavg()[0], 1)
     result["peak_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     return result
 
