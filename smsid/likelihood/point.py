@@ -32,14 +32,13 @@ class Evaluation:
 
     @classmethod
     def at(cls, pieces: Sequence[RecordingTerm], point: Point, known: Evaluation | None = None) -> Evaluation:
-        """Predict what is not ``known``, as seen there of the same channels and joints' motion on any knots.
+        """Predict what is not ``known`` from the same parameters, the same channels.
 
         Raises `SimulationError` when the motion is not finite.
         """
         predictions, residuals = [], []
         for k, (piece, local) in enumerate(zip(pieces, point.locals, strict=True)):
-            same = known is not None and point.parameters is known.point.parameters
-            if same and local is known.point.locals[k] and piece.timeline is known.predictions[k].timeline:
+            if known and local is known.point.locals[k] and piece.timeline is known.predictions[k].timeline:
                 predictions.append(known.predictions[k])
                 residuals.append(known.residuals[k])
                 continue
