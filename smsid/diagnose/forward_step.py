@@ -27,6 +27,7 @@ from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, sign
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import Fit, evaluate, fit
@@ -36,6 +37,8 @@ from smsid.estimation.step_size import with_half_the_step
 LOGGER = logging.getLogger(__name__)
 CLEAR = THRESHOLDS.beginnings_sought
 ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
+REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
+NEAR = 0.1  # of the accelerations' rms, by which those of a motion near by differ at most
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -257,15 +260,20 @@ class State:
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
         strong = cause.ratio > levels.linear
-        counted = self.fitted.misfit
+        counted, before = self.fitted.misfit, self.current.run
         self._move(found, strong=strong)
         self._out.update(c.score.candidate.key for c in within)
         strong = strong or (self._finer and max(c.ratio for c in self.causes) > levels.linear)
         if strong:
             self._keep(finely_stepped(self.current))
-        if strong or counted:  # signatures are those of another motion, or in other noise
-            self._columns.clear()
-        self.scores = self._scored()
+        refused: list[Score] = []
+        if counted or (strong and not is_near(before, self.current.run)):
+            self._columns.clear()  # signatures are those of another motion, or in other noise
+        elif strong:
+            refused = [s for s in self._scored() if s.p_value > REFUSED]
+            kept = {s.candidate.key for s in refused}
+            self._columns = {key: own for key, own in self._columns.items() if key in kept}
+        self.scores = self._scored(refused)
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)
@@ -315,9 +323,13 @@ class State:
         self._columns.clear()
         self.scores = self._scored()
 
-    def _scored(self) -> list[Score]:
-        """Score the candidates left, the best first; signatures already known are used again."""
+    def _scored(self, refused: Sequence[Score] = ()) -> list[Score]:
+        """Score the candidates left, the best first; signatures already known are used again.
+
+        Those ``refused`` by the signatures of a motion near by keep their scores.
+        """
         out = self._out | {c.score.candidate.key for c in self.causes}
+        out |= {s.candidate.key for s in refused}
         rest = [c for c in self.candidates if c.key not in out]
         if self.fitted.unknown:
             elsewhere = (c for c in rest if not is_at(c.location, self.fitted.unknown))
@@ -329,7 +341,19 @@ class State:
         seen = [c for c in rest if c.key in self._columns]
         scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
-        return sorted(scores, key=self._worth, reverse=True)
+        return sorted((*scores, *refused), key=self._worth, reverse=True)
+
+
+def is_near(run: FilterRun, other: FilterRun) -> bool:
+    """Whether two runs go along so nearly one motion that signatures of one do for the other, to first order.
+
+    What decides is far stronger than that: of a candidate with a chance of 1e-6, half the ratio is left where
+    signatures correlate by 0.7, and that is not refused.
+    """
+    one, two = run.states.a, other.states.a
+    if one.shape != two.shape:
+        return False
+    return bool((np.square(two - one).mean(axis=0) <= NEAR**2 * np.square(one).mean(axis=0)).all())
 
 
 def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThresholds) -> tuple[list[Cause], Fit]:

@@ -31,6 +31,7 @@ AXES = (".x", ".y", ".z")
 STILL = 1e-6  # of a step: a strength that moved less is where the effect does nothing
 SURPLUS = THRESHOLDS.surplus
 CURVED = THRESHOLDS.curved
+OUT_OF_REACH = 0.01  # of what the best contender gains, by which another may fall behind on its way
 
 
 @dataclass(frozen=True)
@@ -110,8 +111,9 @@ def accept(
             if still is not None and not any(s is still for s in contenders):
                 contenders.append(still)
     fitted: list[tuple[float, Score, Fit]] = []
+    at_most = np.inf
     for s in contenders:
-        found = refit(current, s)
+        found = refit(current, s, at_most)
         if found is None:
             continue
         ratio = 2.0 * (current.objective - found.objective)
@@ -124,6 +126,9 @@ def accept(
             LOGGER.info("%s ran away: Wald's statistic is %.1f", s.candidate.key, told)
             continue
         fitted.append((-2.0 * found.objective - cost(current, s, found), s, found))
+        # one that comes nowhere near is neither the winner nor an alias, wherever it ends
+        room = levels.alias + cost(current, s, found) + OUT_OF_REACH * ratio
+        at_most = min(at_most, found.objective + 0.5 * room)
     if not fitted:
         return None, current
     value, winner, found = max(fitted, key=lambda x: x[0])
@@ -282,8 +287,11 @@ def without_candidate(current: Fit, found: Fit, candidate: Candidate) -> Fit:
     return further if further.objective < current.objective else current
 
 
-def refit(current: Fit, s: Score) -> Fit | None:
-    """Return the fit with a candidate's parameters free, started from its linear estimate."""
+def refit(current: Fit, s: Score, at_most: float = np.inf) -> Fit | None:
+    """Return the fit with a candidate's parameters free, started from its linear estimate; given up where it
+    does not come to the objective ``at_most``.
+    """
+    at_most = min(at_most, current.objective)
     candidate = s.candidate
     own = candidate.unknowns(current.unknowns)
     kept = [u for u in current.unknowns if u.name not in {o.name for o in own}]
@@ -298,8 +306,8 @@ def refit(current: Fit, s: Score) -> Fit | None:
         try:
             if not at.physical():
                 continue
-            found = fit(at, unknowns, current.problem, iterations=12, at_most=current.objective)
-            return _with_more(found, candidate) if found.objective < current.objective else found
+            found = fit(at, unknowns, current.problem, iterations=12, at_most=at_most)
+            return _with_more(found, candidate) if found.objective < at_most else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
     return None

@@ -71,7 +71,7 @@ def world(monkeypatch):
                 candidate=c,
                 ratio=20.0 * order[c.key],
                 freedom=1,
-                p_value=1e-12,
+                p_value=asked.chances.get(c.key, 1e-12),
                 another=None,
                 columns=asked.takes.get(c.key, order[c.key]),
                 estimate=None,
@@ -97,7 +97,7 @@ def world(monkeypatch):
         asked.stepped.append(fit.name)
         return fit
 
-    asked.instead, asked.takes = None, {}
+    asked.instead, asked.takes, asked.chances = None, {}, {}
     monkeypatch.setattr(Fitted, "explained", lambda fitted, columns, estimate: columns)
     for name, stub in {
         "signatures": signatures,
@@ -152,6 +152,23 @@ def test_while_misfit_is_counted_nothing_is_weighed_and_what_was_in_vain_stays_o
     assert state.forward_step() and state.forward_step()
     assert asked.recompute_evidence == [] and asked.stepped == [] and state.causes[0].ratio == 30.0
     assert asked.scored[-1] == ("with found", {OTHER: "with found"})
+
+
+@pytest.mark.parametrize(
+    ("near", "chance", "again"), [(True, 0.4, False), (True, 1e-3, True), (False, 0.4, True)]
+)
+def test_beside_a_strong_cause_what_explains_nothing_keeps_its_signature(
+    world, monkeypatch, near, chance, again
+):
+    """It is taken again where that of the motion before explains something, or the motion is another."""
+    _, asked = world
+    monkeypatch.setattr(rounds, "is_near", lambda *_: near)
+    levels = replace(DetectionThresholds(), linear=20.0)
+    state = State(Fitted(asked.at("nominal"), np.ones(1)), [candidate(k) for k in (FOUND, OTHER)], levels)
+    asked.chances = {OTHER: chance}
+    assert state.forward_step() and len(state.causes) == 1
+    assert {s.candidate.key for s in state.scores} == {OTHER}
+    assert asked.scored[-1] == ("with found", {OTHER: "with found"} if again else {})
 
 
 @pytest.mark.parametrize("finer", [True, False])
