@@ -23,10 +23,6 @@ LOGGER = logging.getLogger(__name__)
 GRID, ONSETS, FINER = 16, 9, 4  # times an effect may begin at: at first, and of finer grids about the best
 WEAK = 2  # finer grids for one too weak to show the very sample
 DENSE = 160  # times where the first show something: where a torque changes sign, there are many maxima
-STRONG = THRESHOLDS.beginning_strong
-SHOWN = THRESHOLDS.beginnings_sought
-POOR = THRESHOLDS.beginning_poor
-MOVED = THRESHOLDS.beginning_moved
 MOVES = 4  # times it moves at most
 
 
@@ -52,11 +48,11 @@ def best_start(
         return max(found, key=found.__getitem__)
 
     best = look([*about, *_within(first, last, GRID)])
-    dense = cheap and found[best] > SHOWN
+    dense = cheap and found[best] > THRESHOLDS.beginnings_sought
     if dense:
         best = look(_within(first, last, DENSE))
     width = (last - first) / ((DENSE if dense else GRID) + 1)
-    for _ in range(FINER if found[best] > STRONG else WEAK):
+    for _ in range(FINER if found[best] > THRESHOLDS.beginning_strong else WEAK):
         width *= 2.0 / ONSETS
         best = look(best + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0))
     return best, found[best], len(found)
@@ -133,7 +129,9 @@ def with_onset(
     if not ratio - s.ratio > price(alias, tried + 1):
         return s
     found = replace(known[start], candidate=replace(known[start].candidate, grid=tried + 1))
-    return found if ratio < STRONG and begins is s.candidate else replace(found, another=s)
+    return (
+        found if ratio < THRESHOLDS.beginning_strong and begins is s.candidate else replace(found, another=s)
+    )
 
 
 def best_onsets(
@@ -167,7 +165,9 @@ def largest_innovation_time(run: FilterRun) -> float:
 def is_poor_fit(found: Fit) -> bool:
     """Whether a fit leaves so much that the curvature of its parameters may hide what it could reach."""
     samples = found.run.samples
-    return float((found.run.innovations**2).sum()) - samples > POOR * np.sqrt(2.0 * samples)
+    return float((found.run.innovations**2).sum()) - samples > THRESHOLDS.beginning_poor * np.sqrt(
+        2.0 * samples
+    )
 
 
 def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
@@ -243,7 +243,7 @@ def refine_onset(current: Fit, score: Score) -> tuple[Score, Fit]:
         if mine.start is None:
             return sync_onset(current, score), current
         start, gain = moved_start(current, mine)
-        if gain < MOVED:
+        if gain < THRESHOLDS.beginning_moved:
             break
         try:
             point = current.point.with_effect(mine.model_copy(update={"start": start}))

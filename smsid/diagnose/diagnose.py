@@ -57,10 +57,7 @@ from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
 
 LOGGER = logging.getLogger(__name__)
-SHORTEST = THRESHOLDS.shortest
 RATE = 25.0  # [Hz]
-LOUD = THRESHOLDS.loud
-FOREIGN = THRESHOLDS.foreign
 
 
 @short_repr
@@ -265,9 +262,9 @@ def _problem(point: Point, placed: Placed, joint: JointPrior) -> Problem:
     """Return a recording as a problem; raises `RecordingError` for one that is too short or empty."""
     recording = placed.recording
     data = measurements_of(point.base, recording, point.description.effective_sensors())
-    if len(data.times) < SHORTEST:
+    if len(data.times) < THRESHOLDS.shortest:
         raise RecordingError(
-            f"'{placed.label}' has {len(data.times)} samples; a diagnosis needs {SHORTEST}.",
+            f"'{placed.label}' has {len(data.times)} samples; a diagnosis needs {THRESHOLDS.shortest}.",
             advice="Record longer.",
         )
     read = [*data.values.T, *(q for quaternions in data.attitude.values() for q in quaternions.T)]
@@ -305,10 +302,10 @@ def _gain(
 
 def _foreign(found: Search) -> str:
     """Return why the recording cannot be of this spacecraft, if so; asked where it is not followed."""
-    if normalised_rmse(found.last.run) < FOLLOWED and max(found.noise.values()) < LOUD:
+    if normalised_rmse(found.last.run) < FOLLOWED and max(found.noise.values()) < THRESHOLDS.loud:
         return ""
     left = unexplained_fraction(found.last, found.noise)
-    if left > FOREIGN:
+    if left > THRESHOLDS.foreign:
         return f"Even with everything refitted, {100 * left:.0f} % of the motion is left unexplained."
     return ""
 

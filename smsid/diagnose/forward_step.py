@@ -35,7 +35,6 @@ from smsid.estimation.problem import Problem
 from smsid.estimation.step_size import with_half_the_step
 
 LOGGER = logging.getLogger(__name__)
-CLEAR = THRESHOLDS.beginnings_sought
 ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
 REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
 NEAR = 0.1  # of the accelerations' rms, by which those of a motion near by differ at most
@@ -220,7 +219,7 @@ class State:
         few = self.levels.contenders
         leading = [best, *(s for s in self.scores if s is not best)][:few]
         clear = best.ratio > min(
-            CLEAR, self.levels.linear
+            THRESHOLDS.beginnings_sought, self.levels.linear
         )  # enough for what is there in part to pass as another
         onsets = scan_onsets(self.current, self.scores if clear else leading)
         if clear:

@@ -20,12 +20,10 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Noise, Problem
 
 LOGGER = logging.getLogger(__name__)
-SLOW = THRESHOLDS.slow
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
 HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
-LEFT = THRESHOLDS.own_channel
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
@@ -167,7 +165,7 @@ def but_for_a_structure(
             continue
         left = strays_by_row(rest.run, np.ones(stated.rows))
         LOGGER.info("with %s unknown, up to %.3g times the noise is left", place, left.max())
-        if normalised_rmse(rest.run) < FOLLOWED and left.max() < LEFT:
+        if normalised_rmse(rest.run) < FOLLOWED and left.max() < THRESHOLDS.own_channel:
             return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
     return None
 
@@ -253,7 +251,7 @@ def noise_factors(data: Measured, run: FilterRun) -> np.ndarray:
             rough = np.diff(x)
             calm = np.abs(rough) < 5.0 * np.median(np.abs(rough)) + 1e-12
             whole, fast = float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))
-            shares.append(whole if whole < SLOW * fast else fast)
+            shares.append(whole if whole < THRESHOLDS.slow * fast else fast)
         if shares:
             out[rows] = np.sqrt(np.mean(shares))
     return out

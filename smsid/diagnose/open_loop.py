@@ -110,7 +110,6 @@ def _moved(model: SpacecraftModel, at: Belief, step: np.ndarray) -> Belief:
 
 
 SETTLE = 5.0  # [s] corrected before the model runs by itself
-MOVES = THRESHOLDS.moves
 QUANTITIES = ("joint_velocity", "angular_rate", "velocity")
 
 
@@ -139,5 +138,5 @@ def unexplained_fraction(fit: Fit, noise: dict[str, float]) -> float:
             moved = np.nanstd(values, axis=0)
             off = np.sqrt(np.nanmean(run.errors[later, block.rows] ** 2, axis=0))
             stated = data.sigma[block.rows] / noise[block.channel]
-            left += [o / m for o, m, s in zip(off, moved, stated, strict=True) if m > MOVES * s]
+            left += [o / m for o, m, s in zip(off, moved, stated, strict=True) if m > THRESHOLDS.moves * s]
     return float(np.median(left)) if left else float("nan")

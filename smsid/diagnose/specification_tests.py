@@ -25,7 +25,6 @@ RIPPLE = range(3, 13)
 LAGS = 8
 PAST = "its own past"
 BANDS = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # of the highest frequency
-LEFT = THRESHOLDS.own_channel
 SIGN = 1e-3  # [rad/s] rate at which the sign of a rate turns over
 
 
@@ -181,7 +180,7 @@ def band_tests(found: Fit, factors: np.ndarray) -> list[SpecificationTest]:
             inside = (share <= high) & ((share > low) | (low == 0.0))
             freedom = int(degrees[inside].sum()) * (block.rows.stop - block.rows.start)
             ratio = float(own[inside].sum())
-            if ratio > LEFT**2 * freedom > 0.0:
+            if ratio > THRESHOLDS.own_channel**2 * freedom > 0.0:
                 times = f"{np.sqrt(ratio / freedom):.3g} times the noise"
                 band = f"frequency, {low * highest:.2g} to {high * highest:.2g} Hz ({times})"
                 out.append(SpecificationTest(block.channel, band, ratio, freedom, location=block.channel))

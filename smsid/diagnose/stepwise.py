@@ -37,8 +37,6 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-STRAYS = THRESHOLDS.strays
-LOST = THRESHOLDS.lost
 
 
 @short_repr
@@ -152,7 +150,7 @@ def _begun(
     strays = True
     try:
         first = first_fit(point, problem, unknowns)
-        strays = normalised_rmse(first.fit.run) > STRAYS
+        strays = normalised_rmse(first.fit.run) > THRESHOLDS.strays
         fitted = with_levels(first)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
@@ -167,7 +165,7 @@ def _begun(
     if fitted is None:
         assert lost is not None
         raise lost
-    if fitted.misfit and not local and unexplained_fraction(fitted.fit, fitted.by_channel) > LOST:
+    if fitted.misfit and not local and unexplained_fraction(fitted.fit, fitted.by_channel) > THRESHOLDS.lost:
         raise RecordingError(
             "The model predicts the motion worse than no motion would, with its parameters fitted.",
             advice="Is the recording of another spacecraft? Check signs and order of the commands.",

@@ -32,7 +32,6 @@ RATE = 5.0  # [Hz] at which strong causes are compared at first
 SUBSTEP = 0.05  # [s] of the integration there
 TRIED = 3  # candidates that are fitted
 LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
-CLOSE = THRESHOLDS.coarse_close
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,9 @@ def coarse_cause(
     nothing = max(_likelihood(point, coarse), LEAST)
     ahead = sorted((s for s in best.values() if s.likelihood > nothing), key=lambda s: -s.likelihood)
     LOGGER.info("coarse: %.1f without; %s", nothing, [(s.candidate.key, s.likelihood) for s in ahead[:8]])
-    ahead = [s for s in ahead if s.likelihood - nothing > CLOSE * (ahead[0].likelihood - nothing)]
+    ahead = [
+        s for s in ahead if s.likelihood - nothing > THRESHOLDS.coarse_close * (ahead[0].likelihood - nothing)
+    ]
     fitted = [(s, f) for s in ahead[:TRIED] if (f := _fitted(s, problem, unknowns)) is not None]
     if not fitted:
         return None

@@ -48,7 +48,8 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
     Where the model does not follow the recording, the likelihood is that with noise levels as large as the
     errors, component by component. That tells the side; what varies between samples it hardly does, and where
     commands jump beside others that do not, each is taken for what it looks like. What is taken ``now`` stays
-    unless another is clearly better. Ways far behind over the first samples go no further. The problem's sensors are as they are at the point.
+    unless another is clearly better. Ways far behind over the first samples go no further. The
+    problem's sensors are as they are at the point.
     """
     choices = timings(problem.recording)
     if len(choices) == 1:

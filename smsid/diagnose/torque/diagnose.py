@@ -25,10 +25,8 @@ from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
-SHORTEST = THRESHOLDS.shortest
 """Instants below which nothing is said."""
 
-FOREIGN = THRESHOLDS.torque_foreign
 """Share of the torque left with every cause in, above which the recording is not this arm's."""
 
 
@@ -69,9 +67,9 @@ def diagnose_torques(
     together = ", ".join(r.name for r in recordings)
     equations = torque_equations(description, recordings, cutoff=cutoff)
     require_excitation(equations, together)
-    if len(equations.time) < SHORTEST:
+    if len(equations.time) < THRESHOLDS.shortest:
         raise RecordingError(
-            f"'{together}' gives {len(equations.time)} instants; a diagnosis needs {SHORTEST}.",
+            f"'{together}' gives {len(equations.time)} instants; a diagnosis needs {THRESHOLDS.shortest}.",
             advice="Record longer, or raise the cutoff.",
         )
     prior, stated, notes = prior_of(equations, estimate)
@@ -81,7 +79,7 @@ def diagnose_torques(
     if not found.scores and not found.causes:
         raise RecordingError(f"'{together}' excites no candidate at all.", advice="Move the joints.")
     left_over = float(np.linalg.norm(last.residual) / np.linalg.norm(last.equations.torque))
-    if left_over > FOREIGN:
+    if left_over > THRESHOLDS.torque_foreign:
         raise RecordingError(
             f"Even with everything refitted, {100 * left_over:.0f} % of the torque is left unexplained.",
             advice="Is it of another arm? `smsid inspect --description` looks for turned signs and currents.",
