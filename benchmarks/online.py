@@ -283,6 +283,7 @@ def emptied(now: Callable[[float], Satellite], start: np.ndarray, drive, seconds
 def fuel(draw: int) -> list[dict]:
     """Return errors of mass, slosh stiffness and frequency after each of ten burns that empty the tank."""
     rng, burns, seconds, rows = np.random.default_rng([draw, 13]), 10, 40.0, []
+    thrusting = seconds - 2.0  # [s]: what happens after the last sample nobody knows
     truth = Satellite(tank=(15.0, 0.5, 0.06), panel=(1.0, 0.1, 1e-6, -1e-6))
     at, liquid, consumption = np.array(truth.tank_at), 30.0, 1e-3 * rng.uniform(0.9, 1.1)
     with tempfile.TemporaryDirectory() as folder:
@@ -314,19 +315,22 @@ def fuel(draw: int) -> list[dict]:
             def drive(t: float, phase: np.ndarray = phase) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 level = np.floor((t + 1e-9) / 2.0) * 2.0  # thrusters are held for two seconds
                 force = 4.0 * np.sign(np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * level + phase))
+                force *= t < thrusting - 1e-9
                 wheel = 0.1 * np.sin(2 * np.pi * np.array([0.05, 0.08, 0.03]) * level + phase)
                 return force, np.zeros(3), wheel
 
-            begun = impulse  # 12 N by three pairs of thrusters, always
-            flown, state = emptied(lambda t: at_impulse(begun + 12.0 * t), state, drive, seconds, 0.02)  # noqa: B023
+            def used(t: float, begun: float = impulse) -> Satellite:
+                return at_impulse(begun + 12.0 * min(t, thrusting))  # 12 N by three pairs of thrusters
+
+            flown, state = emptied(used, state, drive, seconds, 0.02)
             recordings.append(recorded(truth, flown, rng, name=f"burn {i}"))
-            impulse += 12.0 * seconds
+            impulse += 12.0 * thrusting
             states.append((impulse, at_impulse(impulse)))
         follow = {"bus.*": 0.0, "tank.mass": 0.0, "tank.stiffness.*": 0.0}
         follow |= {"tank.damping.*": 0.0, "fuel.consumption": 0.0}
         options = FlightOptions(drive="command")
         history, _ = track_recordings(
-            d.with_effects(*d.effect, fill), recordings, follow=follow, options=options, gap=60.0, warm_up=0.0
+            d.with_effects(*d.effect, fill), recordings, follow=follow, options=options, gap=60.0
         )
     place = {n: i for i, n in enumerate(history.names)}
     for i, (used, then) in enumerate(states):

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import Effect, SigmaOf, Starting, Vector3, physical, register
+from smsid.effects.force_laws import ConstantForce, DriftOfSpring
 from smsid.effects.payload import point_parameters
 from smsid.errors import DescriptionError
 
@@ -146,15 +147,9 @@ class FrequencyDrift(ModeEffect, Starting):
         if self.rate == 0.0:
             return
         joint = assembly.model.joints[number]
-        place, index = joint.idx_q, joint.idx_v
         stiffness = mass * (2 * np.pi * mode.frequency) ** 2
-        rate, start = self.rate, self.start or 0.0
-
-        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            change = rate * max(t - start, 0.0)
-            tau[index] -= stiffness * change * (2.0 + change) * q[place]
-
-        assembly.add_force(force, ((index,), ()))
+        own = stiffness, self.rate, self.start or 0.0
+        assembly.add_force(DriftOfSpring(joint.idx_v, joint.idx_q, *own))
 
 
 @register
@@ -187,11 +182,7 @@ class ThermalSnap(BeamEffect, Starting):
         curvature = 2.0 * self.deflection / length**2
         forces = bending * curvature * shapes.slope(length) / np.sqrt(beam.mass) * panel.scale
         index = [assembly.model.joints[j].idx_v for j in panel.joints]
-
-        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            tau[index] += forces
-
-        assembly.add_force(force, ((), ()))
+        assembly.add_force(ConstantForce(index, forces))
 
 
 @register

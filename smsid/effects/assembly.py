@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid._listing import did_you_mean
+from smsid.effects.force_laws import Depends, ForceLaw
 from smsid.effects.inertial_parameters import inertia_from_parameters, move_parameters
 from smsid.errors import DescriptionError
 
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
 
 CARRIED = 1e-3  # [kg] taken off the bus for a wheel's imbalance to have a mass
 
-
-Depends = tuple[Sequence[int], Sequence[int]]
-"""What a term depends on: places and rates, as indices among the nv coordinates of the tangent space."""
 
 ForceTerm = Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
 """Nonlinear generalised force: called with (t, q, v, tau), adds to tau (nv,) in place.
@@ -247,7 +245,10 @@ class Assembly:
         effect.attach(self)
 
     def add_force(self, term: ForceTerm, depends: Depends | None = None) -> None:
-        """Add a nonlinear generalised force; one that says what it depends on is linearised faster."""
+        """Add a nonlinear generalised force; one that says what it depends on is linearised faster.
+
+        A `ForceLaw` does, and may be compiled.
+        """
         self.forces.append(self._noted(self._attached(term, depends)))
 
     def add_load_force(self, term: ForceTerm, depends: Depends | None = None, *, first: bool = False) -> None:
@@ -263,6 +264,9 @@ class Assembly:
 
     def _attached(self, term: ForceTerm, depends: Depends | None) -> ForceTerm:
         start = None if self.owner is None else self.owner.onset
+        if isinstance(term, ForceLaw):
+            term.start = term.start if start is None else start
+            return term
         if start is None and depends is None:
             return term
         return AttachedForce(term, depends, -np.inf if start is None else start)

@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from smsid.effects.assembly import Assembly, Depends
+from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Starting, Vector3, physical, register
+from smsid.effects.force_laws import ConstantForce, Depends, InertialWrench
 from smsid.errors import DescriptionError
 
 TWISTED = np.zeros((9, 3))  # the vector of a matrix's antisymmetric part: yz - zy, zx - xz, xy - yx
@@ -46,17 +47,10 @@ class ExternalWrench(Starting):
         force, torque, point = (np.asarray(x) for x in (self.force, self.torque, self.point))
         if not (force.any() or torque.any()):
             return
-        turning = self.frame == "inertial"
-
-        def term(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            f, n = force, torque
-            if turning:
-                to_body = pin.Quaternion(q[3:7]).toRotationMatrix().T
-                f, n = to_body @ f, to_body @ n
-            tau[:3] += f
-            tau[3:6] += n + pin.skew(point) @ f
-
-        assembly.add_force(term, ((3, 4, 5) if turning else (), ()))
+        if self.frame == "inertial":
+            assembly.add_force(InertialWrench(force, torque, point))
+        else:
+            assembly.add_force(ConstantForce(range(6), np.r_[force, torque + np.cross(point, force)]))
 
 
 @register

@@ -10,32 +10,46 @@ from pydantic import Field
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, JointEffect, Starting, physical, register
+from smsid.effects.force_laws import ForceLaw
 from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, friction_columns, sliding_state
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
 """Laws that no estimator takes up unless they are named, or have a value or a prior."""
+LOAD = 7  # of a friction's numbers
 
 
-class FrictionTorque:
-    """The `ForceTerm` of some laws of a `JointFriction`, of given sizes, on one degree of freedom."""
+class FrictionTorque(ForceLaw):
+    """The torque of some laws of a `JointFriction`, of given sizes, on one degree of freedom.
+
+    Its ``numbers`` (13,) are viscous, Coulomb, both by direction, quadratic, cubic, Stribeck's, by load, by
+    cosine and sine of the angle; the width of the sign; rate and exponent of Stribeck's curve.
+    """
+
+    law = "friction"
 
     def __init__(
         self, effect: JointFriction, dof: int, place: int, turns: bool, sizes: Mapping[str, float]
     ) -> None:
-        self.effect, self.dof, self.place, self.turns = effect, dof, place, turns
-        self.start = -np.inf if effect.start is None else effect.start
+        self.effect, self.turns = effect, turns
+        self.by_place = "position_cos" in sizes or "position_sin" in sizes
         self.terms = [(size, BY_FIELD[field].column) for field, size in sizes.items()]
         warmer = effect.temperature - effect.reference_temperature
         own = {f: sizes.get(f, 0.0) for f in BY_FIELD}
         for law in ("viscous", "coulomb"):
             own[law] += warmer * own.pop(f"{law}_temperature")
         shape = effect.smoothing, effect.stribeck_rate, effect.stribeck_exponent
-        self.numbers = np.array([*own.values(), *shape])
+        super().__init__([dof], [place], np.array([*own.values(), *shape]))
+
+    def by_load(self) -> float:
+        """Return how much of it goes by the torque that drives the joint."""
+        return float(self.numbers[LOAD])
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
         """Add it to tau (nv,); what goes by the load finds that there."""
-        k, place = self.dof, self.place
+        if t < self.start:
+            return
+        (k,), (place,) = self.rows, self.places
         angle = q[place] if self.turns else np.arctan2(q[place + 1], q[place])
         at = sliding_state(self.effect, v[k], angle=angle, load=tau[k])
         tau[k] -= sum(size * column(at) for size, column in self.terms)
@@ -173,13 +187,10 @@ class JointFriction(JointEffect, Starting):
         if self.start is None and "viscous" in sizes:
             assembly.add_springs(assembly.joint_id(self.joint), (0.0,), (sizes.pop("viscous"),))
         by_load = sizes.pop("load", 0.0)
-        angular = "position_cos" in sizes or "position_sin" in sizes
         if sizes:
-            dry = FrictionTorque(self, index, place, turns, sizes)
-            assembly.add_force(dry, ((index,) if angular else (), (index,)))
+            assembly.add_force(FrictionTorque(self, index, place, turns, sizes))
         if by_load:
-            loaded = FrictionTorque(self, index, place, turns, {"load": by_load})
-            assembly.add_load_force(loaded, ((), (index,)))
+            assembly.add_load_force(FrictionTorque(self, index, place, turns, {"load": by_load}))
 
     def urdf_dynamics(self) -> dict[str, tuple[float, float]]:
         """Return viscous and Coulomb friction; of one that begins midway, nothing."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, JointEffect, Starting, physical, register
+from smsid.effects.force_laws import ConstantForce, Spring
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.sensor import joint_names
 from smsid.effects.sensor_errors import SensorBias
@@ -88,12 +89,7 @@ class TorqueOffset(JointEffect):
 
     def attach(self, assembly: Assembly) -> None:
         """Add the constant torque, against the motor."""
-        index, torque = assembly.joint(self.joint).idx_v, self.torque
-
-        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            tau[index] -= torque
-
-        assembly.add_force(force, ((), ()))
+        assembly.add_force(ConstantForce([assembly.joint(self.joint).idx_v], [-self.torque]))
 
     def counterpart(self, limits: Mapping[str, float]) -> Counterpart:
         """Return the constant torque."""
@@ -135,13 +131,8 @@ class JointCable(JointEffect, Starting):
                 advice="Give it limits in the URDF (type revolute).",
                 joint=self.joint,
             )
-        place, index, stiffness, rest = joint.idx_q, joint.idx_v, self.stiffness, self.rest
-
-        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            tau[index] -= stiffness * (q[place] - rest)
-
-        if stiffness:
-            assembly.add_force(force, ((index,), ()))
+        if self.stiffness:
+            assembly.add_force(Spring(joint.idx_v, joint.idx_q, self.stiffness, self.rest))
 
     def counterpart(self, limits: Mapping[str, float]) -> Counterpart:
         """Return the spring, at rest where the joint is zero, and a constant torque."""

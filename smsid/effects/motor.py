@@ -26,6 +26,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly, Twist
 from smsid.effects.base import Effect, JointEffect, physical, register
+from smsid.effects.force_laws import Play, SharedFriction
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia, Rotor
 
@@ -120,14 +121,9 @@ class MotorCoupling(Effect):
         """
         index = np.array([assembly.joint(name).idx_v for name in self.joints])
         weights = np.asarray(self.weights)
-        viscous, coulomb, smoothing = self.viscous, self.coulomb, self.smoothing
-
-        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            rate = weights @ v[index]
-            tau[index] -= weights * (viscous * rate + coulomb * np.tanh(rate / smoothing))
-
-        if viscous or coulomb:
-            assembly.add_force(force, ((), index.tolist()))
+        if self.viscous or self.coulomb:
+            own = self.viscous, self.coulomb, self.smoothing
+            assembly.add_force(SharedFriction(index.tolist(), weights, *own))
         if self.inertia > 0.0:
             shared = np.outer(weights, weights) * self.inertia
             assembly.model.armature[index] += np.diag(shared)  # what each joint feels of it by itself
@@ -293,11 +289,5 @@ class Backlash(ElasticGear):
         if joint is None:
             return
         place, index = assembly.model.joints[joint].idx_q, assembly.model.joints[joint].idx_v
-        half, stiffness, damping = self.gap / 2.0, self.contact_stiffness, self.contact_damping
-
-        def teeth(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            depth = abs(q[place]) - half
-            if depth > 0.0:
-                tau[index] -= stiffness * depth * np.sign(q[place]) + damping * v[index]
-
-        assembly.add_force(teeth, ((index,), (index,)))
+        touching = self.contact_stiffness, self.contact_damping
+        assembly.add_force(Play(index, place, self.gap / 2.0, *touching))

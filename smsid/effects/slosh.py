@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Starting, Vector3, physical, register
+from smsid.effects.force_laws import CentralForce
 from smsid.effects.payload import point_parameters
 from smsid.errors import DescriptionError
 
@@ -78,7 +79,7 @@ class TankEffect(Starting):
         """Return the tank."""
         return self.tank
 
-    def coordinates(self, assembly: Assembly) -> tuple[slice, slice]:
+    def coordinates(self, assembly: Assembly) -> tuple[range, range]:
         """Return where the slosh mass is in q and in v; raises `DescriptionError` without the tank."""
         if self.tank not in assembly.slosh:
             raise DescriptionError(
@@ -87,7 +88,7 @@ class TankEffect(Starting):
                 tank=self.tank,
             )
         joint = assembly.model.joints[assembly.slosh[self.tank][1]]
-        return slice(joint.idx_q, joint.idx_q + 3), slice(joint.idx_v, joint.idx_v + 3)
+        return range(joint.idx_q, joint.idx_q + 3), range(joint.idx_v, joint.idx_v + 3)
 
 
 @register
@@ -112,17 +113,9 @@ class SloshNonlinearity(TankEffect):
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
         place, rate = self.coordinates(assembly)
-        cubic, quadratic = self.cubic, self.quadratic_damping
-        radial = self.law == "radial"
-        if not (cubic or quadratic):
-            return
-
-        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            r, dr = q[place], v[rate]
-            stretch, speed = (r @ r, np.sqrt(dr @ dr)) if radial else (r * r, np.abs(dr))
-            tau[rate] -= cubic * stretch * r + quadratic * speed * dr
-
-        assembly.add_force(force, (range(rate.start, rate.stop), range(rate.start, rate.stop)))
+        if self.cubic or self.quadratic_damping:
+            sizes = {"cubic": self.cubic, "quadratic": self.quadratic_damping}
+            assembly.add_force(CentralForce(rate, place, apart=self.law == "per_axis", **sizes))
 
 
 @register
@@ -144,16 +137,8 @@ class SloshWall(TankEffect):
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
         place, rate = self.coordinates(assembly)
-        gap, stiffness = self.gap, self.stiffness
-
-        def force(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            r = q[place]
-            far = float(np.sqrt(r @ r))
-            if far > gap:
-                tau[rate] -= stiffness * (1.0 - gap / far) * r
-
-        if stiffness:
-            assembly.add_force(force, (range(rate.start, rate.stop), ()))
+        if self.stiffness:
+            assembly.add_force(CentralForce(rate, place, gap=self.gap, stiffness=self.stiffness))
 
 
 @register

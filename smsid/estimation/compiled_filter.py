@@ -10,7 +10,7 @@ import numpy as np
 from smsid.estimation.filter_pass import CLOSE, ROUND, Instance
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.kernel import columns as c
-from smsid.kernel.arrays import Kernel
+from smsid.kernel.arrays import Force, Kernel
 from smsid.kernel.filter_arrays import Model, Parameters, TreeTables
 from smsid.kernel.readings import (
     ANGLE,
@@ -40,7 +40,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Tables:
-    """Tables of bodies (k, n, 28) and roots (k, 17 + ...) whose inverse dynamics are derivatives by
+    """Tables of bodies (k, n, 28) and roots (k, 25 + ...) whose inverse dynamics are derivatives by
     parameters, as `smsid.kernel.filter.Parameters` has them, and the same of sensors (k,).
     """
 
@@ -91,7 +91,7 @@ def inertial_tables(
     for column, scale in zip(columns, scales, strict=True):
         joint, element = int(column) // 10 + 1, int(column) % 10
         row, root = np.zeros_like(own.bodies), own.root.copy()
-        root[[*range(10), c.FRICTIONS, c.BEAMS]] = 0.0
+        root[[*range(10), c.FORCES, c.BEAMS]] = 0.0
         if joint == 1 and free:
             root[element] = scale
         else:  # of a joint of several degrees of freedom the last carries the body
@@ -110,12 +110,13 @@ def effect_tables(changes: Sequence[Change]) -> Tables | None:
         seen, then = (senses_of(x.outputs) for x in (change.low, change.high))
         if low is None or high is None or seen is None or then is None:
             return None
-        if not np.array_equal(low.tree, high.tree) or not _alike(low.root, high.root):
+        if not np.array_equal(low.tree, high.tree) or _by_load(change.low) != _by_load(change.high):
             return None
-        bodies_alone = np.array_equal(low.root[c.FREE :], high.root[c.FREE :])
+        same = len(low.root) == len(high.root)
+        bodies_alone = same and np.array_equal(low.root[c.FREE :], high.root[c.FREE :])
         if bodies_alone and np.array_equal(low.bodies[:, GEOMETRY], high.bodies[:, GEOMETRY]):  # linear
             root = low.root.copy()
-            root[[c.FRICTIONS, c.BEAMS]] = 0.0
+            root[[c.FORCES, c.BEAMS]] = 0.0
             root[:10] = change.factor * (high.root[:10] - low.root[:10])
             row = change.factor * (high.bodies - low.bodies)
             if row.any() or root[:10].any():
@@ -152,8 +153,6 @@ def with_parameters(
     bodies, roots = [own.bodies], [own.root]
     for table in tables:
         for row, root in zip(table.bodies, table.roots, strict=True):
-            if row.shape != own.bodies.shape or root.shape != own.root.shape:
-                return None
             linear = not row[:, GEOMETRY].any()
             bodies.append(np.hstack([own.bodies[:, GEOMETRY], row[:, c.MASS :]]) if linear else row)
             roots.append(root)
@@ -177,19 +176,21 @@ def with_parameters(
     for name in ("mixed", "late"):  # of any of them
         stacked[name] = np.unique(np.concatenate([getattr(x, name) for x in every]), axis=0)
     return Model(
-        TreeTables(own.tree, np.array(bodies), np.array(roots)), senses._replace(**stacked), parameters
+        TreeTables(own.tree, np.array(bodies), _of_one_length(roots)), senses._replace(**stacked), parameters
     )
 
 
-def _alike(low: np.ndarray, high: np.ndarray) -> bool:
-    """Whether two roots have the same tables, and no friction by load that differs: inverse dynamics have no
-    load.
-    """
-    if len(low) != len(high) or not np.array_equal(low[[c.FRICTIONS, c.BEAMS]], high[[c.FRICTIONS, c.BEAMS]]):
-        return False
-    one, two = (x[c.FIRST :][: c.FRICTION * int(x[c.FRICTIONS])].reshape(-1, c.FRICTION) for x in (low, high))
-    by_load = c.LAWS + c.LOAD
-    return np.array_equal(one[:, by_load], two[:, by_load])
+def _of_one_length(roots: Sequence[np.ndarray]) -> np.ndarray:
+    """Return roots as rows; of those with fewer tables the rest is not read."""
+    out = np.zeros((len(roots), max(map(len, roots))))
+    for row, root in zip(out, roots, strict=True):
+        row[: len(root)] = root
+    return out
+
+
+def _by_load(instance: Instance) -> list[tuple[int, float]]:
+    """Return the forces that go by the applied ones, by degree of freedom: inverse dynamics have no load."""
+    return [(int(k), x.by_load()) for x in instance.model.loads if isinstance(x, Force) for k in x.rows]
 
 
 _NUMBERS = ("places", "rest", "shapes", "drawn", "axes", "gain", "bias", "delay")

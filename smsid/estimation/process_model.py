@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.assembly import AttachedForce
 from smsid.effects.spatial import ExtraInertia
 from smsid.inputs.inputs import Inputs
 from smsid.inputs.signals import Signal
@@ -80,8 +79,7 @@ class ProcessModel:
         own = self.model
         if not available() or self._slow or self._growing or own.followers is not None:
             return None
-        terms: list[object] = [x.term if isinstance(x, AttachedForce) else x for x in self._forces]
-        terms += () if own.inertial is None else own.inertial.terms
+        terms = (*self._forces, *(() if own.inertial is None else own.inertial.terms))
         return arrays_of(own, self.pin, terms, balanced=balanced)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """A spacecraft as the arrays that the compiled kernel takes, and whether it can be used.
 
-The kernel knows rigid bodies in a tree of hinges and slides, springs and dampers on them, and weight. A model
-with other forces goes the plain way, over Pinocchio, as does everything where numba is missing.
+The kernel knows rigid bodies in a tree of hinges and slides, springs and dampers on them, weight, and forces
+that say which of its laws they follow. A model with others goes the plain way, over Pinocchio, as does
+everything where numba is missing.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.kernel import columns as c
+from smsid.kernel.forces import LAWS
 from smsid.kernel.jit import available
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -29,15 +31,19 @@ SAME = 1e-14  # share by which the inertia of a balanced rotor may change as it 
 
 
 @runtime_checkable
-class Friction(Protocol):
-    """Friction of one degree of freedom from a time on [s]; its ``numbers`` (13,) are those of
-    `smsid.kernel.friction`: viscous, Coulomb, both by direction, quadratic, cubic, Stribeck's, by load, by
-    cosine and sine of the angle; the width of the sign; rate and exponent of Stribeck's curve.
+class Force(Protocol):
+    """A force that follows one of the `smsid.kernel.forces.LAWS`, with its ``numbers`` there, on the degrees
+    of freedom ``rows`` of v, from ``start`` [s] on.
     """
 
-    dof: int
+    law: str
+    rows: Sequence[int]
     start: float
     numbers: np.ndarray
+
+    def by_load(self) -> float:
+        """Return how much of it goes by the applied force."""
+        ...
 
 
 @runtime_checkable
@@ -57,7 +63,7 @@ class Beam(Protocol):
 
 @dataclass(frozen=True)
 class Kernel:
-    """The arrays of a spacecraft: ``tree`` (n, 4), ``bodies`` (n, 28), ``root`` (17 + ...,), see the columns
+    """The arrays of a spacecraft: ``tree`` (n, 4), ``bodies`` (n, 28), ``root`` (25 + ...,), see the columns
     there.
 
     A rotation, position, axis and inertia are in the axes of the joint's parent, joint axes at rest; where
@@ -77,7 +83,7 @@ class Kernel:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first arguments of what is compiled: tree (n, 4), bodies (n, 28), root (17 + ...,)."""
+        """The first arguments of what is compiled: tree (n, 4), bodies (n, 28), root (25 + ...,)."""
         return self.tree, self.bodies, self.root
 
 
@@ -90,7 +96,7 @@ def arrays_of(
 ) -> Kernel | None:
     """Return the arrays of a model, ``None`` for joints, springs or ``terms`` that the kernel does not know.
 
-    ``bodies`` stand for the model's own; of nonlinear terms it knows `Friction` and `Beam`.
+    ``bodies`` stand for the model's own; of nonlinear terms it knows `Force` and `Beam`.
     ``balanced=False``: as `tree_of`.
     """
     found = tree_of(bodies or model.pin, model.free, balanced=balanced)
@@ -99,16 +105,22 @@ def arrays_of(
         return None
     found.bodies[model.spring_v - start, c.STIFFNESS] = model.stiffness
     found.bodies[model.spring_v - start, c.DAMPING] = model.damping
-    frictions = [x for x in terms if isinstance(x, Friction)]
+    forces = [x for x in terms if isinstance(x, Force)]
     beams = [x for x in terms if isinstance(x, Beam)]
-    loaded = [x.dof for x in frictions if x.numbers[c.LOAD]]
-    if len(frictions) + len(beams) < len(terms) or len(set(loaded)) < len(loaded):  # they see each other's
+    loaded = [k for x in forces if x.by_load() for k in x.rows]
+    if len(forces) + len(beams) < len(terms) or len(set(loaded)) < len(loaded):  # they see each other's
         return None
-    tables = [np.r_[x.dof - start, x.start, x.numbers] for x in frictions]
+    tables = [_force_table(x) for x in forces]
     tables += [_beam_table(found, bodies or model.pin, start, x) for x in beams]
     root = np.concatenate([found.root, *tables])
-    root[c.FRICTIONS], root[c.BEAMS] = len(frictions), len(beams)
+    root[c.FORCES], root[c.BEAMS] = len(forces), len(beams)
     return replace(found, root=root)
+
+
+def _force_table(force: Force) -> np.ndarray:
+    """Return a force as `smsid.kernel.forces` has it."""
+    table = np.r_[LAWS.index(force.law), force.start, len(force.rows), force.rows, force.numbers]
+    return np.r_[len(table) + 1.0, table]
 
 
 def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray:

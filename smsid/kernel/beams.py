@@ -6,7 +6,7 @@ axis e and ``p`` off it, which go with the bending eta, plus terms of the rates.
 that carries the beam, so that all that holds for bodies holds for it, too; `rest` is what its change in time
 and the rates add.
 
-Beams stand in ``root`` behind the frictions, one after the other: length of the table,
+Beams stand in ``root`` behind the forces, one after the other: length of the table,
 row of the body that carries it (-1: the bus), number n of modes, rotation (9,) and place (3,) of its root in
 the axes of that body, then rows (n,) and scales (n,) of its modes and the matrices A, B (n, n), C (n, n, n).
 """
@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.kernel.columns import BEAMS, FIRST, FREE, FRICTION, FRICTIONS, PARENT, TURNING
+from smsid.kernel.columns import BEAMS, FIRST, FORCES, FREE, PARENT, TURNING
+from smsid.kernel.forces import UNITS
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import (
     about_origin,
@@ -35,14 +36,16 @@ from smsid.kernel.spatial import (
 )
 
 ROW, COUNT, TURN, AT, MODES = 1, 2, 3, 12, 15  # in a beam's table
-UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ZERO = (0.0, 0.0, 0.0)
 
 
 @compiled
 def first_of(root):
     """Return where the table of the first beam begins."""
-    return FIRST + FRICTION * int(root[FRICTIONS])
+    at = FIRST
+    for _ in range(int(root[FORCES])):
+        at += int(root[at])
+    return at
 
 
 @compiled

@@ -7,7 +7,6 @@ HINGE, SLIDE, ENDLESS = range(3)  # kinds; an endless hinge is stored as (cos, s
 ROTATION, POSITION, AXIS, MASS, MOMENT, INERTIA = 0, 9, 12, 15, 16, 19  # where they begin in `bodies`
 ARMATURE, STIFFNESS, DAMPING, COLUMNS = 25, 26, 27, 28
 # of `root`, which begins with mass, moment and inertia of the bus: gravity, whether it is free, how many
-# beams and frictions stand behind, the time [s], and where the tables of frictions begin
-GRAVITY, FREE, BEAMS, FRICTIONS, TIME, FIRST = 10, 13, 14, 15, 16, 17
-DOF, START, LAWS, FRICTION = 0, 1, 2, 15  # of a friction: its row, when it begins, its laws, how long it is
-LOAD = 7  # of its laws
+# beams and forces stand behind, the time [s], with forces the bus's attitude (x, y, z, w) and that at the
+# chart's beginning, and where the tables of forces begin
+GRAVITY, FREE, BEAMS, FORCES, TIME, ATTITUDE, BEGUN, FIRST = 10, 13, 14, 15, 16, 17, 21, 25

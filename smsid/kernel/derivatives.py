@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.kernel.beams import UNITS, ZERO, add_beam_derivatives
-from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FREE, FRICTIONS, PARENT, STIFFNESS, TIME
-from smsid.kernel.friction import add_friction
+from smsid.kernel.beams import ZERO, add_beam_derivatives
+from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FORCES, FREE, PARENT, STIFFNESS, TIME
+from smsid.kernel.forces import UNITS, add_forces
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
 from smsid.kernel.spatial import (
@@ -32,8 +32,8 @@ from smsid.kernel.tree import outward, workspace
 
 @compiled
 def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out):
-    """Write the generalised forces (nv,) that an acceleration takes, springs, dampers and friction included,
-    which may go by the applied forces ``load`` (nv,).
+    """Write the generalised forces (nv,) that an acceleration takes, with springs, dampers and other forces,
+    of which friction may go by the applied ones, ``load`` (nv,).
     """
     outward(tree, bodies, root, angles, v, a, gravity, work)
     axes, forces, n = work[2], work[5], len(tree)
@@ -48,10 +48,10 @@ def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out)
             total += axes[i, c] * forces[i, c]
             forces[above, c] += forces[i, c]
         out[k] = total
-    if root[FRICTIONS] > 0.0:
-        add_friction(root, angles, v, load, 1.0, out)
     for c in range(start):
         out[c] = forces[n, c]
+    if root[FORCES] > 0.0:
+        add_forces(root, angles, v, load, -1.0, out)
 
 
 @compiled_and_cached

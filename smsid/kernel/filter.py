@@ -9,10 +9,11 @@ from math import sqrt
 
 import numpy as np
 
-from smsid.kernel.columns import FREE, FRICTIONS, TIME
+from smsid.kernel import columns
+from smsid.kernel.columns import FORCES, FREE, TIME
 from smsid.kernel.covariance import correct, inverse_of_root, multiply, spread, transition, transposed_into
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
-from smsid.kernel.friction import add_friction_derivatives
+from smsid.kernel.forces import take_force_derivatives
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, start_of_chart
 from smsid.kernel.readings import ATTITUDE, read, residual, rotation_vector
@@ -28,8 +29,8 @@ def linearise(tree, bodies, root, q, v, tau, scratch, a, by_q, by_v, inverse, an
     gravity = start_of_chart(tree, root, q, angles)
     acceleration(tree, bodies, root, angles, v, tau, gravity, own[0], a)
     derivatives(tree, bodies, root, angles, v, a, gravity, own, mass, force_q, force_v)
-    if root[FRICTIONS] > 0.0:
-        add_friction_derivatives(root, angles, v, tau, force_q, force_v)
+    if root[FORCES] > 0.0:
+        take_force_derivatives(root, angles, v, tau, force_q, force_v)
     inverse_of_root(mass, low, half)
     transposed_into(half, turned)
     multiply(turned, half, inverse)
@@ -48,6 +49,7 @@ def by_parameters(tree, bodies, roots, terms, weights, pushed, push, at, inverse
     changes = np.zeros(out.shape)
     for k in range(len(terms)):
         table, i = terms[k, 0], terms[k, 1]
+        roots[table, columns.ATTITUDE : columns.BEGUN] = roots[0, columns.ATTITUDE : columns.BEGUN]
         inverse_dynamics(tree, bodies[table], roots[table], angles, v, a, gravity, work[10], work, force)
         for c in range(len(v)):
             changes[c, i] -= weights[k] * force[c]

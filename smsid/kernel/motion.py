@@ -6,7 +6,7 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
-from smsid.kernel.columns import ENDLESS, FREE, GRAVITY, KIND, PLACE
+from smsid.kernel.columns import ATTITUDE, BEGUN, ENDLESS, FORCES, FREE, GRAVITY, KIND, PLACE
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import NEAR, bracket, cross, dot, plus, three, turned, unit_functions
 from smsid.kernel.tree import acceleration
@@ -39,6 +39,9 @@ def chart_rate(xi, v, out):
 def start_of_chart(tree, root, q, angles):
     """Read the joints' angles from q; return gravity in bus axes."""
     start = 7 if root[FREE] > 0.0 else 0
+    if start and root[FORCES] > 0.0:
+        for k in range(4):
+            root[BEGUN + k] = root[ATTITUDE + k] = q[3 + k]
     for i in range(len(tree)):
         k = tree[i, PLACE]
         angles[i] = np.arctan2(q[k + 1], q[k]) if tree[i, KIND] == ENDLESS else q[k]
@@ -71,7 +74,20 @@ def chart_velocity(tree, bodies, root, angles, gravity, xi, v, tau, moved, work,
         out[start + i] = v[start + i]
     if start:
         chart_rate(xi, v, out)
+        if root[FORCES] > 0.0:
+            e, last = turn_ahead(three(root, BEGUN), root[BEGUN + 3], three(xi, 3))
+            root[ATTITUDE], root[ATTITUDE + 1], root[ATTITUDE + 2] = e
+            root[ATTITUDE + 3] = last
     acceleration(tree, bodies, root, moved, v, tau, gravity_here(root, gravity, xi), work, out[nv:])
+
+
+@compiled
+def turn_ahead(a, s, w):
+    """Return vector and scalar of a quaternion (a, s), turned by the rotation vector w of its own axes."""
+    square = dot(w, w)
+    half, t = 0.5 * unit_functions(0.25 * square)[0], cos(0.5 * sqrt(square))
+    w = (half * w[0], half * w[1], half * w[2])
+    return plus(plus(cross(a, w), s, w), t, a), s * t - dot(a, w)
 
 
 @compiled
@@ -83,11 +99,8 @@ def move_bus(q, xi, out):
     y = cross(w, x)
     x = turned(q, plus(plus(x, b, y), c, cross(w, y)))
     out[0], out[1], out[2] = plus(three(q, 0), 1.0, x)
-    half, t = 0.5 * unit_functions(0.25 * square)[0], cos(0.5 * sqrt(square))
-    w = (half * w[0], half * w[1], half * w[2])
     a, s = three(q, 3), q[6]
-    e = plus(plus(cross(a, w), s, w), t, a)
-    last = s * t - dot(a, w)
+    e, last = turn_ahead(a, s, w)
     size = 1.0 / sqrt(dot(e, e) + last * last)
     if dot(e, a) + last * s < 0.0:  # of the two quaternions the nearer one
         size = -size

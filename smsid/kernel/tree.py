@@ -6,7 +6,7 @@ bias forces by Newton and Euler, then the factorisation H = L' D L that keeps th
 (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 6 and 8).
 
 Arguments that recur here and in the modules beside: ``tree`` (n, 4), ``bodies`` (n, 28) and ``root``
-(17 + ...,) as `smsid.kernel.arrays` makes them; ``angles`` (n,) [rad | m] of the n joints, each of one degree
+(25 + ...,) as `smsid.kernel.arrays` makes them; ``angles`` (n,) [rad | m] of the n joints, each of one degree
 of freedom; ``v``, ``tau`` (nv,); ``gravity`` (3,) [m/s^2] in bus axes.
 """
 
@@ -20,8 +20,8 @@ from smsid.kernel.columns import (
     AXIS,
     BEAMS,
     DAMPING,
+    FORCES,
     FREE,
-    FRICTIONS,
     INERTIA,
     KIND,
     MASS,
@@ -33,7 +33,7 @@ from smsid.kernel.columns import (
     STIFFNESS,
     TURNING,
 )
-from smsid.kernel.friction import add_friction
+from smsid.kernel.forces import add_forces
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import (
     about_origin,
@@ -209,8 +209,6 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
             mass[i, j] = dot(three(axes[j], 0), f) + dot(three(axes[j], 3), m)
             j = tree[j, PARENT]
         put(coupling[i], f, m)
-    if root[FRICTIONS] > 0.0:
-        add_friction(root, angles, v, tau, -1.0, out)
     if free:
         m, x, y, z = inertias[n, 0], inertias[n, 1], inertias[n, 2], inertias[n, 3]
         for k in range(6):
@@ -222,6 +220,8 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
         whole[4, 0], whole[5, 0], whole[5, 1] = z, -y, x
         whole[3, 3], whole[4, 3], whole[4, 4] = inertias[n, 4], inertias[n, 5], inertias[n, 6]
         whole[5, 3], whole[5, 4], whole[5, 5] = inertias[n, 7], inertias[n, 8], inertias[n, 9]
+    if root[FORCES] > 0.0:
+        add_forces(root, angles, v, tau, 1.0, out)
 
 
 @compiled

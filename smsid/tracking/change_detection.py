@@ -3,8 +3,9 @@
 A jump of parameters at some time leaves a signature in the innovations of a filter that does not know of it.
 For starts on a grid, as far back as is looked, the generalised likelihood ratio of every group of parameters
 (those of a body, of an effect, of a channel's bias) is kept up; each start is judged at ages that double.
-Alarms come at the rate asked for at most, by Bonferroni's inequality over all that is tested. The filter is
-then run again from before the jump, with its parameters open, about better and better values of them, and
+Alarms come at the rate asked for at most, by Bonferroni's inequality over all that is tested, and are told
+where they still hold a little later: the evidence of a change grows, that of chance fades. The filter is then
+run again from before the jump, with its parameters open, about better and better values of them, and
 goes on from there: a jump that is large is no small step of a linear filter.
 
 Source: Willsky and Jones, IEEE Trans. Automatic Control 21 (1976) 108; Basseville and Nikiforov, Detection of
@@ -168,7 +169,9 @@ class ChangeDetector:
             start.delta = start.delta - found.gain[-1] @ seen
         if self._alarm is not None:
             if ends and update.time >= self._alarm + SETTLING:
-                return self._tell(self._taken_in(self._alarm, scale))
+                if any(self._tells(start, scale) for start in self._starts):
+                    return self._tell(self._taken_in(self._alarm, scale))
+                self._alarm = None  # what has passed was no change
             return None
         self._judge(update.time, scale)
         if ends and self._alarm is None and update.time >= self._next:
@@ -211,14 +214,18 @@ class ChangeDetector:
                 kept.append(start)
                 continue
             start.looked += 1
-            for index in self._groups.values():
-                if self._chance(start, start.score, index, scale)[0] < np.log(self.level):
-                    self._alarm = now
+            if self._tells(start, scale):
+                self._alarm = now
             # judged at an age of 2^j, a start goes on to the next age where it is on that age's coarser grid
             if start.number % max(1, 2 ** (start.looked - 1)) == 0 and now - start.time < self.horizon:
                 kept.append(start)
         if self._alarm is None:
             self._starts = kept
+
+    def _tells(self, start: Start, scale: float) -> bool:
+        """Whether a jump of some group at a start is beyond chance."""
+        level = np.log(self.level)
+        return any(self._chance(start, start.score, i, scale)[0] < level for i in self._groups.values())
 
     def _chance(
         self, start: Start, scores: np.ndarray, index: np.ndarray, scale: float

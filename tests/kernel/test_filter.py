@@ -6,13 +6,26 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.effects import GeometricStiffness, JointFriction, SensorScale
+from smsid.effects import (
+    ExternalWrench,
+    FrequencyDrift,
+    GeometricStiffness,
+    JointCable,
+    JointFriction,
+    MotorCoupling,
+    SensorScale,
+    SloshNonlinearity,
+    SloshWall,
+    TorqueOffset,
+)
+from smsid.effects.force_laws import Play
 from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import Applied, Instance, filter_samples
 from smsid.estimation.measurements import matrix
 from smsid.kernel.arrays import arrays_of
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
 from smsid.kernel.filter_arrays import Samples, State
+from smsid.kernel.forces import add_forces
 from smsid.kernel.jit import SWITCH, numba
 from smsid.kernel.motion import start_of_chart
 from smsid.kernel.tree import workspace
@@ -159,6 +172,55 @@ def test_a_pass_with_friction_is_the_plain_one(crafts, laws):
     description = craft.description.with_effects(rub)
     # derivatives are differences, whose rounding is that of forces over their step
     assert_passes_are_the_same(craft, with_errors(description, SENSED["late"]), within=1e-8)
+
+
+FORCES = {
+    "wrench": ExternalWrench(
+        name="x", force=(1.0, -2.0, 0.5), torque=(0.3, 0.1, -0.2), point=(0.4, 0.1, -0.2)
+    ),
+    "wrench, later": ExternalWrench(name="x", torque=(0.3, 0.1, -0.2), start=1.6 * STEP),
+    "inertial wrench": ExternalWrench(
+        name="x", force=(1.0, -2.0, 0.5), torque=(0.3, 0.1, -0.2), point=(0.4, 0.1, -0.2), frame="inertial"
+    ),
+    "offset": TorqueOffset(name="x", joint="joint2", torque=0.4),
+    "cable": JointCable(name="x", joint="joint2", stiffness=3.0, rest=0.2, start=1.6 * STEP),
+    "drift": FrequencyDrift(name="x", appendage="panel", mode=1, rate=0.3, start=0.02),
+    "radial slosh": SloshNonlinearity(name="x", tank="tank", cubic=40.0, quadratic_damping=30.0),
+    "slosh per axis": SloshNonlinearity(
+        name="x", tank="tank", cubic=40.0, quadratic_damping=30.0, law="per_axis"
+    ),
+    "wall": SloshWall(name="x", tank="tank", gap=0.05, stiffness=200.0),
+    "shared friction": MotorCoupling(
+        name="x", joints=("joint2", "joint3"), ratios=(1.0, -0.5), viscous=0.4, coulomb=0.3, smoothing=0.05
+    ),
+}
+
+
+@pytest.mark.parametrize("law", FORCES)
+def test_a_pass_with_other_forces_is_the_plain_one(crafts, law):
+    craft = crafts["paper"]
+    description = with_errors(craft.description.with_effects(FORCES[law]), SENSED["late"])
+    force = build_model(description).forces[0]
+    assert_passes_are_the_same(craft, description, within=1e-8)
+    # the force is there, and moves something
+    q, v = moving(craft, np.random.default_rng(1))
+    tau = np.zeros(craft.nv)
+    force(3.0 * STEP, q, v, tau)
+    assert np.abs(tau).max() > 1e-3
+
+
+def test_teeth_of_a_gear_are_the_plain_ones(crafts):
+    """The gear's own joint is not for the filter: the forces themselves are compared."""
+    play, angles = Play(7, 7, 0.1, 50.0, 2.0), np.zeros(crafts["paper"].nv - 6)
+    kernel = arrays_of(crafts["paper"], terms=[play])
+    for x in (-0.3, -0.05, 0.08, 0.25):
+        q, v = np.zeros(40), np.zeros(crafts["paper"].nv)
+        angles[1], q[7], v[7] = x, x, 0.7
+        ours, plain = np.zeros((2, len(v)))
+        add_forces(kernel.root, angles, v, np.zeros(len(v)), 1.0, ours)
+        play(0.0, q, v, plain)
+        np.testing.assert_allclose(ours, plain, rtol=1e-14)
+        assert (plain[7] != 0.0) == (abs(x) > 0.1)
 
 
 def assert_passes_are_the_same(craft, description, within=1e-10):

@@ -122,6 +122,14 @@ def test_a_gyro_that_jumps_is_named(description):
     assert change.others and change.others[0][1] > 0.0
 
 
+def test_what_passes_at_once_is_no_change(description):
+    """Half a second of a gyro beside its noise is beyond chance at first, and no jump of anything."""
+    steady = flight(62.0, seed=5)
+    rates, t = steady["gyro.angular_rate"].copy(), steady.time()
+    rates[(t > AT - 0.05) & (t < AT + 0.55), 1] += 3.4e-5
+    assert not watched(description, steady.with_channels({"gyro.angular_rate": rates})).changes
+
+
 def test_false_alarms_are_no_more_than_asked_for(description):
     """At sixty an hour, one a minute: at most three in 60 s but once in fifty; at the usual rate none."""
     steady = flight(60.0, seed=11)
