@@ -121,7 +121,7 @@ def with_onset(
             tried = [_from(begins, t) for t in starts]
             columns = signatures(current, tried)
             scores = scored(current, [tried[i] for i in columns], list(columns.values()))
-            known.update((_start(x.candidate), x) for x in scores)
+            known.update((float(x.candidate.start or 0.0), x) for x in scores)
             return (known[t].ratio if t in known else -np.inf for t in starts)
 
         about = [largest_innovation_time(current.run)]
@@ -183,7 +183,7 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
     """Return the scores of causes and the fit with all of them there all the time, where their onsets do not
     pay what each of them costs: of two that began beside a third, now gone, each may hold up the other's.
     """
-    late = [s for s in scores if begins_midway(s)]
+    late = [s for s in scores if s.candidate.start is not None]
     if not late:
         return list(scores), current
     names, plain = [s.candidate.key for s in late], current.point
@@ -203,12 +203,7 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
     if 2.0 * (found.objective - current.objective) > pays:
         return list(scores), current
     LOGGER.info("there all the time: %s", names)
-    return [_plain(s) if begins_midway(s) else s for s in scores], found
-
-
-def begins_midway(score: Score) -> bool:
-    """Whether what a score is of begins midway."""
-    return getattr(score.candidate.effect, "start", None) is not None
+    return [_plain(s) if s.candidate.start is not None else s for s in scores], found
 
 
 def _plain(score: Score) -> Score:
@@ -221,7 +216,7 @@ def sync_onset(current: Fit, score: Score) -> Score:
     """Return the score of a cause that begins when its effect does, which may be another cause's, too."""
     effect = score.candidate.effect
     start = None if effect is None else getattr(score.candidate.instance(current.point), "start", None)
-    if effect is None or not effect.may_begin or getattr(effect, "start", None) == start:
+    if effect is None or not effect.may_begin or score.candidate.start == start:
         return score
     if start is None:
         return _plain(score)
@@ -236,7 +231,7 @@ def refine_onset(current: Fit, score: Score) -> tuple[Score, Fit]:
     effect may be another cause's, too, and no longer begin.
     """
     effect = score.candidate.effect
-    if effect is None or not begins_midway(score):
+    if effect is None or score.candidate.start is None:
         return score, current
     for _ in range(MOVES):
         mine = cast(Starting, current.point.description.get_effect(effect.name))
@@ -274,7 +269,7 @@ def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
 
 def _may_begin(candidate: Candidate) -> bool:
     effect = candidate.effect
-    return effect is not None and effect.may_begin and getattr(effect, "start", None) is None
+    return effect is not None and effect.may_begin and candidate.start is None
 
 
 def _may_be_cut(candidate: Candidate) -> bool:
@@ -290,10 +285,6 @@ def _from(candidate: Candidate, start: float) -> Candidate:
 def _within(first: float, last: float, count: int) -> np.ndarray:
     """Return so many times evenly between two."""
     return np.linspace(first, last, count + 2)[1:-1]
-
-
-def _start(candidate: Candidate) -> float:
-    return float(getattr(candidate.effect, "start", np.nan))
 
 
 def cut_score(current: Fit, candidate: Candidate, changes: Sequence[Sensitivity], start: float) -> Score:

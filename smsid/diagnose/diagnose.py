@@ -294,10 +294,8 @@ def _gain(
     try:
         nominal, held = found.nominal.point, order_columns(recordings[0], given.base)
         return gain(given, nominal, extended, held, found.last.problem, rate, faults), ""
-    except SmsidError as error:
-        return None, f"not on '{recordings[0].name}': {error.message}"
-    except np.linalg.LinAlgError as error:
-        return None, f"not on '{recordings[0].name}': {error}"
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        return None, f"not on '{recordings[0].name}': {getattr(error, 'message', error)}"
 
 
 def _foreign(found: Search) -> str:

@@ -12,7 +12,6 @@ from smsid.diagnose.backward_elimination import eliminate_backward
 from smsid.diagnose.change_point import (
     always,
     always_together,
-    begins_midway,
     best_onsets,
     is_poor_fit,
     refine_onset,
@@ -363,7 +362,7 @@ def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThreshold
     scores, found = [c.score for c in causes], current
     for i, score in enumerate(scores):
         scores[i], found = always(found, score, levels.onset)
-    if sum(begins_midway(s) for s in scores) > 1:
+    if sum(s.candidate.start is not None for s in scores) > 1:
         scores, found = always_together(found, scores, levels.onset)
     return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found
 
@@ -401,7 +400,7 @@ def _may(candidate: Candidate, within: Mapping[str, str]) -> bool:
     effect = candidate.effect
     if effect is None or type(candidate) is not Candidate:
         return False
-    return getattr(effect, "start", None) is None and effect.name not in within
+    return candidate.start is None and effect.name not in within
 
 
 SEEN = THRESHOLDS.steps_seen

@@ -68,8 +68,9 @@ def accept(
     if best.ratio > levels.linear:
         close = [s for s in rivals if worth(s) > 0.9 * worth(best)]
         contenders += close[: levels.contenders - 1]
-        if _begins(best):  # large and curved, what is there all the time scores less than it explains
-            still = next((s for s in rivals if not _begins(s)), None)
+        # large and curved, what is there all the time scores less than it explains
+        if best.candidate.start is not None:
+            still = next((s for s in rivals if s.candidate.start is None), None)
             if still is not None and not any(s is still for s in contenders):
                 contenders.append(still)
     fitted: list[tuple[float, Score, Fit]] = []
@@ -128,10 +129,6 @@ def simplest_law(best: Score, scores: Sequence[Score], samples: int, levels: Det
             if own and correlation(best, s) > NEAR and not is_distinguishable(best, s, samples, levels):
                 return s
     return best
-
-
-def _begins(s: Score) -> bool:
-    return getattr(s.candidate.effect, "start", None) is not None
 
 
 def aliases_of(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.signal import welch
@@ -156,16 +157,12 @@ def but_for_a_structure(
             replace(last.problem, data=stated), last.run, dofs, own, held=len(stated.times)
         )
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
-        try:
-            rest = fit(last.point, unknowns, problem, iterations=2)
-            if normalised_rmse(rest.run) < MISFIT:
-                rest = continued(rest, iterations=6)
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("not with %s unknown: %s", place, error)
+        rest = _followed(last.point, unknowns, problem)
+        if rest is None:
             continue
         left = strays_by_row(rest.run, np.ones(stated.rows))
         LOGGER.info("with %s unknown, up to %.3g times the noise is left", place, left.max())
-        if normalised_rmse(rest.run) < FOLLOWED and left.max() < THRESHOLDS.own_channel:
+        if left.max() < THRESHOLDS.own_channel:
             return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
     return None
 
@@ -173,19 +170,21 @@ def but_for_a_structure(
 def _exact(found: Fitted) -> Fitted | None:
     """Return the fit to the noise as it is stated, where the model follows the recording that far."""
     stated = found.fit.problem.data.scaled(1.0 / found.factors)
-    problem = replace(found.fit.problem, data=stated)
+    exact = _followed(found.fit.point, found.fit.unknowns, replace(found.fit.problem, data=stated))
+    return None if exact is None else _with_noise(Fitted(exact, np.ones(stated.rows)))
+
+
+def _followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
+    """Return a fit to the noise as stated, or nothing where the model does not follow that far."""
     try:
-        first = fit(found.fit.point, found.fit.unknowns, problem, iterations=2)
-    except SimulationError as error:
+        found = fit(point, unknowns, problem, iterations=2)
+        if normalised_rmse(found.run) > MISFIT:
+            return None
+        found = continued(found, iterations=6)
+    except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("not to the noise: %s", error)
         return None
-    if normalised_rmse(first.run) > MISFIT:
-        return None
-    exact = continued(first, iterations=6)
-    if normalised_rmse(exact.run) > FOLLOWED:
-        return None
-    LOGGER.info("what is left can be fitted to the noise")
-    return _with_noise(Fitted(exact, np.ones(stated.rows)))
+    return found if normalised_rmse(found.run) <= FOLLOWED else None
 
 
 def _with_noise(found: Fitted) -> Fitted:
@@ -218,15 +217,12 @@ def with_misfit(found: Fitted) -> Fitted:
 
 def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:
     problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor))
-
-    def from_there(point: Point) -> Fit:
-        return fit(point, found.fit.unknowns, problem, iterations=iterations, enough=enough)
-
+    again = partial(fit, unknowns=found.fit.unknowns, problem=problem, iterations=iterations, enough=enough)
     try:
-        fitted = from_there(found.fit.point)
+        fitted = again(found.fit.point)
     except SimulationError as error:  # where the last step of a fit goes is not filtered again
         LOGGER.info("from the step before: %s", error)
-        fitted = from_there(found.fit.changes.point)
+        fitted = again(found.fit.changes.point)
     return replace(found, fit=fitted, factors=found.factors * factor)
 
 

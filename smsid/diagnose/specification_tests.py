@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from smsid.diagnose.score_test import EXCITED
+from smsid.diagnose.score_test import EXCITED, least_squares
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
@@ -130,11 +130,8 @@ def adequacy(found: Fit) -> list[SpecificationTest]:
         start = index.stop
         own = left[:, index]
         raw = np.einsum("ij,ij->j", whitened[:, index], whitened[:, index])
-        size = np.sqrt(np.where(raw > 0.0, raw, 1.0))
-        values, vectors = np.linalg.eigh((own.T @ own) / np.outer(size, size))
-        keep = values > EXCITED
-        scaled = (vectors[:, keep] / np.sqrt(values[keep])).T @ (slope[index] / size)
-        ratio, freedom = float(scaled @ scaled), int(keep.sum())
+        _, _, ratio, values = least_squares(own.T @ own, slope[index], raw)
+        freedom = int((values > EXCITED).sum())
         blocks.append(SpecificationTest(where, dependence, ratio, freedom, location=location))
     blocks += whiteness(found)
     return sorted(blocks, key=lambda b: b.order)

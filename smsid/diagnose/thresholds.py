@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from scipy.stats import norm
+
 from smsid._files import atomic_write
 
 BEGIN, END = "<!-- thresholds: begin -->", "<!-- thresholds: end -->"
@@ -88,6 +90,12 @@ class DetectionThresholds:
     def beside_a_cause(self) -> DetectionThresholds:
         """The levels for what stands beside a cause or a fault that is known: two take more evidence."""
         return replace(self, candidate=min(self.candidate, self.further))
+
+    def detectable(self, tried: int) -> float:
+        """Return how many standard deviations an effect has to have to be found with the stated power, among
+        so many candidates.
+        """
+        return float(norm.isf(self.candidate / max(tried, 1) / 2.0) + norm.isf(1.0 - self.power))
 
 
 THRESHOLDS = DetectionThresholds()

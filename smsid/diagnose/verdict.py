@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.change_time_posterior import Began, onset_posteriors
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
     Named = Candidate | TorqueCandidate
 
-POWER = THRESHOLDS.power
 IN_PIECES = (
     "The simulation does not explain the recording: what would, begins in turn, as the pieces of a drift do "
     "that no cause fits: {}."
@@ -60,7 +58,7 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     """A shape that is not claimed may be any sibling's: the likeliest are listed, the number is evidence."""
     own = cause.score.candidate
     start = None if own.effect is None else starts.get(own.effect.name)
-    begun, where = getattr(own.effect, "start", None), own.recording
+    begun, where = own.start, own.recording
     if begun is not None and found.last.problem.parts:
         begun, where = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
@@ -149,8 +147,7 @@ def separate(a: Named, b: Named) -> str:
 
 def limits(found: Search) -> tuple[Limit, ...]:
     """Return the detection limit of every candidate: 95 % power at the corrected level, nuisances free."""
-    level = found.levels.candidate / max(found.candidates, 1)
-    needed = float(norm.isf(level / 2) + norm.isf(1.0 - POWER))
+    needed = found.levels.detectable(found.candidates)
     out = []
     for s in found.scores:
         c = s.candidate

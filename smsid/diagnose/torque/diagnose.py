@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import norm
 
 from smsid.description import Description
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Value, Verdict
@@ -19,7 +18,7 @@ from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, extended_description, links_known, prior_of
 from smsid.diagnose.torque.search import LEVELS, TorqueCause, TorqueSearch, search_torques
 from smsid.diagnose.validation import ChannelGain, Gain
-from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
+from smsid.diagnose.verdict import alias, describe, is_sibling, tested
 from smsid.effects.friction import frictions_of
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
@@ -188,7 +187,7 @@ def _verdict(
 
 def torque_limits(found: TorqueSearch) -> tuple[Limit, ...]:
     """Return the detection limits of the candidates that were not named: 95 % power, nuisances free."""
-    needed = float(norm.isf(LEVELS.candidate / max(found.candidates, 1) / 2) + norm.isf(1.0 - POWER))
+    needed = LEVELS.detectable(found.candidates)
     out, seen = [], set()
     for s in found.scores:
         c = s.candidate
