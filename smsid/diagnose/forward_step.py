@@ -141,7 +141,7 @@ class State:
         reached = self.current
         self._there_always()
         if self.current is not reached:
-            self._score_anew()
+            self._score_anew(reached.run)
         if not self.causes or (len(self.causes) == 1 and not self._finer):
             return
         self.causes, found = exchange_step(
@@ -178,9 +178,10 @@ class State:
         """Go on from another fit, as judged anew; return whether it is another."""
         if found is self.current:
             return False
+        before = self.current.run
         self._keep(found)
         self._there_always()  # what had begun beside another cause
-        self._score_anew()
+        self._score_anew(before)
         return True
 
     @property
@@ -317,8 +318,10 @@ class State:
         """Go on from another fit with the noise levels as they are."""
         self.fitted = replace(self.fitted, fit=found)
 
-    def _score_anew(self) -> None:
-        self._columns.clear()
+    def _score_anew(self, before: FilterRun | None = None) -> None:
+        """Score with signatures of the motion as it is; those of one ``before`` do, where that is near."""
+        if before is None or not is_near(before, self.current.run):
+            self._columns.clear()
         self.scores = self._scored()
 
     def _scored(self, refused: Sequence[Score] = ()) -> list[Score]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -146,16 +146,8 @@ def but_for_a_structure(
     A panel or a tank is described by a few modes; what else it does reaches all channels, but is a force on
     these modes and a wrench on what carries it. ``held`` are names of parameters that stay, by structure.
     """
-    model, last = found.fit.changes.model, found.fit
-    places = {a.appendage.name: [model.pin.joints[j].idx_v for j in a.seen] for a in model.appendages}
-    places |= {tank.name: [*range(tank.v.start, tank.v.stop)] for tank in model.slosh}
-    stated = last.problem.data.scaled(1.0 / found.factors)
-    for place, own_dofs in places.items():
-        dofs = [*(range(6) if model.free else ()), *own_dofs]
-        own = {b.channel for b in stated.blocks if place in (b.sensor.appendage, b.sensor.name)}
-        problem = with_unknown(
-            replace(last.problem, data=stated), last.run, dofs, own, held=len(stated.times)
-        )
+    last, stated = found.fit, found.fit.problem.data.scaled(1.0 / found.factors)
+    for place, problem in unknown_structures(last, replace(last.problem, data=stated)):
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
         rest = _followed(last.point, unknowns, problem)
         if rest is None:
@@ -165,6 +157,19 @@ def but_for_a_structure(
         if left.max() < THRESHOLDS.own_channel:
             return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
     return None
+
+
+def unknown_structures(found: Fit, problem: Problem) -> Iterator[tuple[str, Problem]]:
+    """Yield the name of every structure, and a problem as a fit's in which its motion is unknown and its own
+    channels are left out.
+    """
+    model, data = found.changes.model, problem.data
+    places = {a.appendage.name: [model.pin.joints[j].idx_v for j in a.seen] for a in model.appendages}
+    places |= {tank.name: [*range(tank.v.start, tank.v.stop)] for tank in model.slosh}
+    for place, own_dofs in places.items():
+        dofs = [*(range(6) if model.free else ()), *own_dofs]
+        own = {b.channel for b in data.blocks if place in (b.sensor.appendage, b.sensor.name)}
+        yield place, with_unknown(problem, found.run, dofs, own, held=len(data.times))
 
 
 def _exact(found: Fitted) -> Fitted | None:

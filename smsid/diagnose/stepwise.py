@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from smsid.diagnose.noise_covariance import (
     first_fit,
     normalised_rmse,
     strays_by_row,
+    unknown_structures,
     with_levels,
 )
 from smsid.diagnose.open_loop import unexplained_fraction
@@ -27,6 +29,7 @@ from smsid.diagnose.specification_tests import (
     SpecificationTest,
     adequacy,
     band_tests,
+    is_at,
     unknown_input_tests,
 )
 from smsid.diagnose.strong_causes import coarse_cause
@@ -145,7 +148,7 @@ def _begun(
     """Return where a search begins: with the nominal parameters fitted, or, where that leads nowhere, with a
     strong cause beside them.
     """
-    fitted: Fitted | None = None
+    first = fitted = None
     lost: SmsidError | np.linalg.LinAlgError | None = None
     strays = True
     try:
@@ -158,10 +161,14 @@ def _begun(
     # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
     local = fitted is not None and strays and (fitted.alone or _is_local(fitted))
     if strays and not local:
-        coarse = coarse_cause(point, problem, unknowns, candidates)
-        if coarse is not None:
-            fitted = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows)))
-            return State(fitted, candidates, levels, known=coarse.cause, nominal=coarse.nominal)
+        # beside a structure that does not move as described, nothing follows but with that unknown
+        structures = () if first is None else unknown_structures(first.fit, problem)
+        for place, seen in chain([("", problem)], structures):
+            elsewhere = [c for c in candidates if not (place and is_at(c.location, place))]
+            coarse = coarse_cause(point, seen, unknowns, elsewhere)
+            if coarse is not None:
+                begun = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows), unknown=place))
+                return State(begun, candidates, levels, known=coarse.cause, nominal=coarse.nominal)
     if fitted is None:
         assert lost is not None
         raise lost
