@@ -14,7 +14,6 @@ from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.noise_covariance import FOLLOWED
 from smsid.diagnose.open_loop import unexplained_fraction
 from smsid.diagnose.outliers import outliers, recount_outliers
@@ -131,7 +130,6 @@ def _diagnose(
     rate: float,
     names: tuple[str, ...],
 ) -> Diagnosed:
-    levels = DetectionThresholds()
     for recording in recordings:
         recording.check()
     labels = labels_of(recordings)
@@ -151,7 +149,7 @@ def _diagnose(
 
     def searched(problem: Problem, point: Point, before: Search | None = None) -> Search:
         """Search, or stay with what was found ``before`` where a search fails numerically."""
-        own = levels.beside_a_cause if faults else levels
+        own = THRESHOLDS.beside_a_cause if faults else THRESHOLDS
         try:
             return search(point, problem, known.unknowns, candidates, own, coarse)
         except (SmsidError, np.linalg.LinAlgError) as error:

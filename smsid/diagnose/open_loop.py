@@ -52,7 +52,8 @@ def open_loop(model: SpacecraftModel, problem: Problem) -> FilterRun:
             break
         better = None
         for share in (1.0, 0.3, 0.1):
-            trial = _moved(model, at, share * step)
+            q = pin.integrate(model.pin, at.q, share * step[: model.nv])
+            trial = replace(at, q=q, v=at.v + share * step[model.nv :])
             try:
                 run = _simulated(model, problem, trial)
             except SimulationError as error:
@@ -102,11 +103,6 @@ def _levels(data: Measured, run: FilterRun) -> np.ndarray:
 
 def _cost(run: FilterRun, level: np.ndarray) -> float:
     return float(np.sum((np.where(run.used, run.errors, 0.0) / level) ** 2))
-
-
-def _moved(model: SpacecraftModel, at: Belief, step: np.ndarray) -> Belief:
-    nv = model.nv
-    return replace(at, q=pin.integrate(model.pin, at.q, step[:nv]), v=at.v + step[nv:])
 
 
 SETTLE = 5.0  # [s] corrected before the model runs by itself

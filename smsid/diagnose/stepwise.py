@@ -96,7 +96,7 @@ def search(
     problem: Problem,
     unknowns: Sequence[Unknown],
     candidates: Sequence[Candidate],
-    levels: DetectionThresholds | None = None,
+    levels: DetectionThresholds = THRESHOLDS,
     coarse: frozenset[str] = frozenset(),
 ) -> Search:
     """Return the causes that explain a recording, found one after the other.
@@ -106,7 +106,6 @@ def search(
     Raises `SimulationError` when the nominal model cannot be filtered at all, `RecordingError` when it
     predicts nothing of the motion.
     """
-    levels = levels or DetectionThresholds()
     clock = [time.process_time()]
     state = _begun(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
