@@ -36,7 +36,7 @@ from smsid.estimation.step_size import with_half_the_step
 LOGGER = logging.getLogger(__name__)
 ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
 REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
-NEAR = 0.1  # of the accelerations' rms, by which those of a motion near by differ at most
+APART = 100.0  # times what the motion changed, that has to be left of it: a tenth of its size is off then
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -141,7 +141,7 @@ class State:
         reached = self.current
         self._there_always()
         if self.current is not reached:
-            self._score_anew(reached.run)
+            self._score_again(reached.run)
         if not self.causes or (len(self.causes) == 1 and not self._finer):
             return
         self.causes, found = exchange_step(
@@ -181,7 +181,7 @@ class State:
         before = self.current.run
         self._keep(found)
         self._there_always()  # what had begun beside another cause
-        self._score_anew(before)
+        self._score_again(before)
         return True
 
     @property
@@ -265,14 +265,10 @@ class State:
         strong = strong or (self._finer and max(c.ratio for c in self.causes) > levels.linear)
         if strong:
             self._keep(finely_stepped(self.current))
-        refused: list[Score] = []
-        if counted or (strong and not is_near(before, self.current.run)):
-            self._columns.clear()  # signatures are those of another motion, or in other noise
-        elif strong:
-            refused = [s for s in self._scored() if s.p_value > REFUSED]
-            kept = {s.candidate.key for s in refused}
-            self._columns = {key: own for key, own in self._columns.items() if key in kept}
-        self.scores = self._scored(refused)
+        if counted:  # signatures are those in other noise
+            self._score_anew()
+        else:
+            self._score_again(before)
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)
@@ -318,16 +314,26 @@ class State:
         """Go on from another fit with the noise levels as they are."""
         self.fitted = replace(self.fitted, fit=found)
 
-    def _score_anew(self, before: FilterRun | None = None) -> None:
-        """Score with signatures of the motion as it is; those of one ``before`` do, where that is near."""
-        if before is None or not is_near(before, self.current.run):
-            self._columns.clear()
+    def _score_anew(self) -> None:
+        self._columns.clear()
         self.scores = self._scored()
+
+    def _score_again(self, before: FilterRun) -> None:
+        """Score along another motion than one ``before``, with signatures of that where they do.
+
+        They do where they explain nothing and are so far apart from what is fitted that what the motion
+        changes is small beside what is left of them: of a payload beside its link's mass it is not.
+        """
+        moved = squared_distance(before, self.current.run)
+        refused = [s for s in self._scored() if s.p_value > REFUSED and s.excited > APART * moved]
+        keys = {s.candidate.key for s in refused}
+        self._columns = {key: own for key, own in self._columns.items() if key in keys}
+        self.scores = self._scored(refused)
 
     def _scored(self, refused: Sequence[Score] = ()) -> list[Score]:
         """Score the candidates left, the best first; signatures already known are used again.
 
-        Those ``refused`` by the signatures of a motion near by keep their scores.
+        Those ``refused`` keep their scores.
         """
         out = self._out | {c.score.candidate.key for c in self.causes}
         out |= {s.candidate.key for s in refused}
@@ -345,16 +351,15 @@ class State:
         return sorted((*scores, *refused), key=self._worth, reverse=True)
 
 
-def is_near(run: FilterRun, other: FilterRun) -> bool:
-    """Whether two runs go along so nearly one motion that signatures of one do for the other, to first order.
-
-    What decides is far stronger than that: of a candidate with a chance of 1e-6, half the ratio is left where
-    signatures correlate by 0.7, and that is not refused.
+def squared_distance(run: FilterRun, other: FilterRun) -> float:
+    """Return the largest share that the accelerations of two runs differ by, in squares; 1 at least where
+    they are of other coordinates.
     """
     one, two = run.states.a, other.states.a
     if one.shape != two.shape:
-        return False
-    return bool((np.square(two - one).mean(axis=0) <= NEAR**2 * np.square(one).mean(axis=0)).all())
+        return 1.0
+    size = np.square(one).mean(axis=0)
+    return float((np.square(two - one).mean(axis=0) / np.where(size > 0.0, size, np.inf)).max(initial=0.0))
 
 
 def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThresholds) -> tuple[list[Cause], Fit]:
