@@ -75,10 +75,14 @@ def test_ways_far_behind_over_the_first_samples_go_no_further(known, problem, mo
     plain = replace(problem, recording=problem.recording.with_provenance({}))
     monkeypatch.setattr("smsid.estimation.input_timing.run_filter", counted)
     monkeypatch.setattr("smsid.estimation.input_timing.BEHIND", np.inf)
-    every = timing_of(known.point, plain)
+    every = timing_of(known.point, plain, Timing())
     assert lengths.count(len(problem.data.times)) == len(timings(plain.recording)) > 1
     monkeypatch.undo()
     lengths.clear()
     monkeypatch.setattr("smsid.estimation.input_timing.run_filter", counted)
-    assert timing_of(known.point, plain) == every
+    assert timing_of(known.point, plain, Timing()) == every
     assert len(lengths) > 1 and max(lengths) < len(problem.data.times) / 3
+    lengths.clear()
+    quiet = replace(plain, data=plain.data.scaled(np.full(plain.data.rows, 0.2)))
+    timing_of(known.point, quiet, Timing())
+    assert max(lengths) == len(problem.data.times)  # what is not followed to its noise tells nothing early
