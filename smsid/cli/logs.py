@@ -151,15 +151,20 @@ def cut_command(
             "--pieces", help="also cut at gaps and missing samples: cut_1.nc, cut_2.nc, ... without either"
         ),
     ] = False,
+    role: Annotated[
+        str | None, typer.Option(help="of what is kept: estimation, validation (held out) or unspecified")
+    ] = None,
 ) -> Outcome:
     """Cut a window out of a recording, or cut it into pieces without gaps."""
     from smsid.cli.tables import recording_table
     from smsid.recording import load_recording, save_recording
     from smsid.recording.pieces import complete_pieces
 
-    if start is None and end is None and not pieces:
-        raise RecordingError("Nothing is to be cut.", advice="State --from, --to or --pieces.")
+    if start is None and end is None and not pieces and role is None:
+        raise RecordingError("Nothing is to be cut.", advice="State --from, --to, --pieces or --role.")
     log = _usable(load_recording(recording))
+    if role is not None:
+        log = log.with_role(role)
     if start is not None or end is not None:
         log = log.window(float("-inf") if start is None else start, float("inf") if end is None else end)
     found = complete_pieces(log) if pieces else (log,)

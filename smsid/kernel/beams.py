@@ -147,6 +147,7 @@ def add_beams(tree, root, angles, v, vdot, work):
     """
     turns, places, _, velocities, accelerations, forces, inertias = work[:7]
     extra, count = work[11], len(tree)
+    extra[:] = 0.0  # of another table there may be something left
     start, at = 6 if root[FREE] > 0.0 else 0, first_of(root)
     for _ in range(int(root[BEAMS])):
         n, row = int(root[at + COUNT]), int(root[at + ROW])

@@ -179,7 +179,7 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
     """
     outward(tree, bodies, root, angles, v, work[10], gravity, work)
     axes, forces, inertias, mass, coupling, whole = work[2], work[5], work[6], work[7], work[8], work[9]
-    n, extra = len(tree), work[11]
+    n, extra, bends = len(tree), work[11], root[BEAMS] > 0.0  # else ``extra`` is of another table
     free = root[FREE] > 0.0
     start = 6 if free else 0
     for i in range(n - 1, -1, -1):
@@ -194,7 +194,6 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
             - body[DAMPING] * v[k]
             - dot(linear, (force[0], force[1], force[2]))
             - dot(angular, (force[3], force[4], force[5]))
-            - extra[i, 6]
         )
         for c in range(6):
             forces[above, c] += force[c]
@@ -203,7 +202,9 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
         own = inertias[i]
         f, m = wrench(own[0], three(own, 1), six(own, 4), linear, angular)
         mass[i, i] = dot(linear, f) + dot(angular, m) + body[ARMATURE]
-        f, m = plus(f, 1.0, three(extra[i], 0)), plus(m, 1.0, three(extra[i], 3))
+        if bends:
+            out[k] -= extra[i, 6]
+            f, m = plus(f, 1.0, three(extra[i], 0)), plus(m, 1.0, three(extra[i], 3))
         j = parent
         while j >= 0:
             mass[i, j] = dot(three(axes[j], 0), f) + dot(three(axes[j], 3), m)

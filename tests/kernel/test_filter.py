@@ -246,7 +246,15 @@ def assert_passes_are_the_same(craft, description, within=1e-10):
     assert_same(*(state for _, state in found), within=within)
 
 
-@pytest.mark.parametrize("more", [(), (RUB, SOFT)], ids=["rigid", "friction and a softer panel"])
+BEGINNING = (  # what they add is in no table of the craft itself
+    RUB.model_copy(update={"viscous": 0.0, "coulomb": 0.0}),
+    SOFT.model_copy(update={"factor": 0.0}),
+)
+
+
+@pytest.mark.parametrize(
+    "more", [(), (RUB, SOFT), BEGINNING], ids=["rigid", "friction and a softer panel", "both from nothing"]
+)
 @pytest.mark.parametrize("sensed", ("plain", "late"))
 def test_a_pass_with_parameters_is_the_plain_one(crafts, sensed, more):
     craft = crafts["paper"]

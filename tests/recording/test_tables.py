@@ -69,6 +69,12 @@ def test_the_commands_cut_resample_and_convert(tmp_path):
     assert run("cut", path, "--from", 0.2, "--to", 0.5, "-o", tmp_path / "w.nc").exit_code == 0
     times = load_recording(tmp_path / "w.nc").time()
     assert times[0] == pytest.approx(0.2) and times[-1] == pytest.approx(0.5)
+    assert run("cut", path, "--role", "validation", "-o", tmp_path / "v.nc").exit_code == 0
+    kept = load_recording(tmp_path / "v.nc")
+    assert kept.role == "validation" and kept.channels == load_recording(path).channels
+    refused = CliRunner().invoke(app, ["cut", str(path), "--role", "test", "-o", str(tmp_path / "x.nc")])
+    assert refused.exit_code == 1 and "no role 'test'" in str(refused.exception)
+    assert not (tmp_path / "x.nc").exists()
     assert run("resample", tmp_path / "p_1.nc", "--rate", 20, "-o", tmp_path / "r.nc").exit_code == 0
     assert load_recording(tmp_path / "r.nc").time().size == 20
     assert run("convert", path, "-o", tmp_path / "a.csv").exit_code == 0
