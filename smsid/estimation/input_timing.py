@@ -59,10 +59,9 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
     if now is not None:
         some = replace(problem, data=data.first(-(-len(data.times) // FIRST)))
         left, likely = _likelihoods(model, some, choices)
-    if left <= FOLLOWED:
-        choices = tuple(t for t in likely if likely[t] > max(likely.values()) - BEHIND)
-    if left > FOLLOWED or len(choices) > 1:
-        left, likely = _likelihoods(model, problem, choices)
+    ahead = [t for t in likely if likely[t] > max(likely.values()) - BEHIND]
+    if left > FOLLOWED or len(ahead) > 1:
+        left, likely = _likelihoods(model, problem, ahead if left <= FOLLOWED else choices)
     if not likely:  # lost: the search says what is wrong; commands are taken for what they look like
         return now or next((t for t in choices if t.hold == "jumps"), choices[0])
     best = max(likely, key=lambda t: likely[t])
