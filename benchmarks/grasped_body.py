@@ -125,6 +125,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return coverage, and how many contradictions are named."""
     draws, pairs = ([r for r in rows if key in r] for key in ("draw", "pair"))
     off = [x for r in draws for x in r.get("off", {}).values()]
+    mass = {named: [r["mass"] for r in draws if _said(r) == named] for named in (True, False)}
     return {
         "draws": len(draws),
         "grasped_at_the_link": sum(
@@ -133,10 +134,16 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "parameters": len(off),
         "coverage": round(float(sum(r.get("inside", 0) for r in draws)) / max(len(off), 1), 4),
         "largest": max(map(abs, off), default=None),
-        "contradictions_named": sum(bool(r["mixed"].get("named") or "refused" in r["mixed"]) for r in draws),
+        "contradictions_named": len(mass[True]),
+        "lightest_named_kg": min(mass[True], default=None),
+        "heaviest_not_named_kg": max(mass[False], default=None),
         "pairs": len(pairs),
-        "false_contradictions": sum(bool(r["mixed"].get("named") or "refused" in r["mixed"]) for r in pairs),
+        "false_contradictions": sum(map(_said, pairs)),
     }
+
+
+def _said(row: dict[str, Any]) -> bool:
+    return bool(row["mixed"].get("named") or "refused" in row["mixed"])
 
 
 def main() -> None:

@@ -242,11 +242,11 @@ def _search(
         found = settled(found, flights, tell=tell)
         visited.append(found)
     if not converged(found):
-        raise _restless(flights)
+        raise _restless(flights, fit_quality(found))
     return found, flights, visited
 
 
-def _restless(flights: Sequence[Flight]) -> NotIdentifiableError:
+def _restless(flights: Sequence[Flight], quality: FitQuality) -> NotIdentifiableError:
     wide = {f.label: x for f in flights if (x := _widest_turn(f)) > WIDE}
     if wide:
         label, turn = next(iter(wide.items()))
@@ -257,6 +257,8 @@ def _restless(flights: Sequence[Flight]) -> NotIdentifiableError:
             attitude=wide,
         )
     doubts = [f"'{f.label}' is {n}. " for f in flights for n in f.notes if n.startswith("doubtful")]
+    if quality.judgement == "not explained":
+        doubts.append(f"Where it stopped: {quality.sentence} `smsid diagnose` looks for what is missing. ")
     return NotIdentifiableError(
         "The search for the most likely parameters does not come to rest.",
         advice="".join(doubts)
