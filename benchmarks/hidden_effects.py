@@ -18,7 +18,6 @@ import json
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +143,8 @@ def main() -> None:
 def _levels() -> dict[str, Any]:
     from smsid.diagnose import DetectionThresholds
 
-    return asdict(DetectionThresholds())
+    names = ("candidate", "further", "block", "alias", "onset", "linear", "beside", "causes", "contenders")
+    return {name: getattr(DetectionThresholds(), name) for name in names}
 
 
 if __name__ == "__main__":

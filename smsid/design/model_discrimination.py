@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
@@ -23,10 +22,9 @@ from smsid.design.trials import Trials, families
 from smsid.design.watch import Progress, Watch
 from smsid.diagnose.diagnose import RATE
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.priors import Nominal, nominal
 from smsid.diagnose.score_test import Candidate, Score, correlation, scored, signatures
-from smsid.diagnose.verdict import POWER
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import ExperimentError, SmsidError
 from smsid.estimation.input_hold import locked
 from smsid.estimation.map_estimate import Fit, evaluate
@@ -227,9 +225,7 @@ def discriminate(
     for c, s in zip(pair, scores, strict=True):
         if s.candidate.free != c.free:
             raise ExperimentError(f"'{label(c)}' is not excited in all that it frees.")
-    needed = float(
-        norm.isf(DetectionThresholds().candidate / max(len(candidates), 1) / 2) + norm.isf(1.0 - POWER)
-    )
+    needed = THRESHOLDS.detectable(len(candidates))
     limits = [needed * _sigma(a, b) for a, b in (scores, scores[::-1])]
     units = [tuple(u.unit for u in c.unknowns(found.unknowns)) for c in pair]
     return Judged((limits[0], limits[1]), (units[0], units[1]), correlation(*scores))

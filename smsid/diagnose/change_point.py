@@ -23,10 +23,6 @@ LOGGER = logging.getLogger(__name__)
 GRID, ONSETS, FINER = 16, 9, 4  # times an effect may begin at: at first, and of finer grids about the best
 WEAK = 2  # finer grids for one too weak to show the very sample
 DENSE = 160  # times where the first show something: where a torque changes sign, there are many maxima
-STRONG = THRESHOLDS.beginning_strong
-SHOWN = THRESHOLDS.beginnings_sought
-POOR = THRESHOLDS.beginning_poor
-MOVED = THRESHOLDS.beginning_moved
 MOVES = 4  # times it moves at most
 
 
@@ -52,11 +48,11 @@ def best_start(
         return max(found, key=found.__getitem__)
 
     best = look([*about, *_within(first, last, GRID)])
-    dense = cheap and found[best] > SHOWN
+    dense = cheap and found[best] > THRESHOLDS.beginnings_sought
     if dense:
         best = look(_within(first, last, DENSE))
     width = (last - first) / ((DENSE if dense else GRID) + 1)
-    for _ in range(FINER if found[best] > STRONG else WEAK):
+    for _ in range(FINER if found[best] > THRESHOLDS.beginning_strong else WEAK):
         width *= 2.0 / ONSETS
         best = look(best + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0))
     return best, found[best], len(found)
@@ -125,7 +121,7 @@ def with_onset(
             tried = [_from(begins, t) for t in starts]
             columns = signatures(current, tried)
             scores = scored(current, [tried[i] for i in columns], list(columns.values()))
-            known.update((_start(x.candidate), x) for x in scores)
+            known.update((float(x.candidate.start or 0.0), x) for x in scores)
             return (known[t].ratio if t in known else -np.inf for t in starts)
 
         about = [largest_innovation_time(current.run)]
@@ -133,7 +129,9 @@ def with_onset(
     if not ratio - s.ratio > price(alias, tried + 1):
         return s
     found = replace(known[start], candidate=replace(known[start].candidate, grid=tried + 1))
-    return found if ratio < STRONG and begins is s.candidate else replace(found, another=s)
+    return (
+        found if ratio < THRESHOLDS.beginning_strong and begins is s.candidate else replace(found, another=s)
+    )
 
 
 def best_onsets(
@@ -167,7 +165,9 @@ def largest_innovation_time(run: FilterRun) -> float:
 def is_poor_fit(found: Fit) -> bool:
     """Whether a fit leaves so much that the curvature of its parameters may hide what it could reach."""
     samples = found.run.samples
-    return float((found.run.innovations**2).sum()) - samples > POOR * np.sqrt(2.0 * samples)
+    return float((found.run.innovations**2).sum()) - samples > THRESHOLDS.beginning_poor * np.sqrt(
+        2.0 * samples
+    )
 
 
 def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
@@ -183,7 +183,7 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
     """Return the scores of causes and the fit with all of them there all the time, where their onsets do not
     pay what each of them costs: of two that began beside a third, now gone, each may hold up the other's.
     """
-    late = [s for s in scores if begins_midway(s)]
+    late = [s for s in scores if s.candidate.start is not None]
     if not late:
         return list(scores), current
     names, plain = [s.candidate.key for s in late], current.point
@@ -203,12 +203,7 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
     if 2.0 * (found.objective - current.objective) > pays:
         return list(scores), current
     LOGGER.info("there all the time: %s", names)
-    return [_plain(s) if begins_midway(s) else s for s in scores], found
-
-
-def begins_midway(score: Score) -> bool:
-    """Whether what a score is of begins midway."""
-    return getattr(score.candidate.effect, "start", None) is not None
+    return [_plain(s) if s.candidate.start is not None else s for s in scores], found
 
 
 def _plain(score: Score) -> Score:
@@ -221,7 +216,7 @@ def sync_onset(current: Fit, score: Score) -> Score:
     """Return the score of a cause that begins when its effect does, which may be another cause's, too."""
     effect = score.candidate.effect
     start = None if effect is None else getattr(score.candidate.instance(current.point), "start", None)
-    if effect is None or not effect.may_begin or getattr(effect, "start", None) == start:
+    if effect is None or not effect.may_begin or score.candidate.start == start:
         return score
     if start is None:
         return _plain(score)
@@ -236,14 +231,14 @@ def refine_onset(current: Fit, score: Score) -> tuple[Score, Fit]:
     effect may be another cause's, too, and no longer begin.
     """
     effect = score.candidate.effect
-    if effect is None or not begins_midway(score):
+    if effect is None or score.candidate.start is None:
         return score, current
     for _ in range(MOVES):
         mine = cast(Starting, current.point.description.get_effect(effect.name))
         if mine.start is None:
             return sync_onset(current, score), current
         start, gain = moved_start(current, mine)
-        if gain < MOVED:
+        if gain < THRESHOLDS.beginning_moved:
             break
         try:
             point = current.point.with_effect(mine.model_copy(update={"start": start}))
@@ -274,7 +269,7 @@ def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
 
 def _may_begin(candidate: Candidate) -> bool:
     effect = candidate.effect
-    return effect is not None and effect.may_begin and getattr(effect, "start", None) is None
+    return effect is not None and effect.may_begin and candidate.start is None
 
 
 def _may_be_cut(candidate: Candidate) -> bool:
@@ -290,10 +285,6 @@ def _from(candidate: Candidate, start: float) -> Candidate:
 def _within(first: float, last: float, count: int) -> np.ndarray:
     """Return so many times evenly between two."""
     return np.linspace(first, last, count + 2)[1:-1]
-
-
-def _start(candidate: Candidate) -> float:
-    return float(getattr(candidate.effect, "start", np.nan))
 
 
 def cut_score(current: Fit, candidate: Candidate, changes: Sequence[Sensitivity], start: float) -> Score:

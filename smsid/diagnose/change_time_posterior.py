@@ -17,7 +17,6 @@ from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.sensitivities import Sensitivity, propagate
 
-FAR = THRESHOLDS.beginning_apart
 COARSE = 16  # times over the whole recording, as there may be other maxima
 APART = 32  # times between the earliest and the latest possible
 BETWEEN = 40  # times between two of these, where changes are interpolated
@@ -64,7 +63,7 @@ def start_of(found: Fit, mine: Starting) -> Began:
     off = sample * 2.0 ** np.arange(np.ceil(np.log2((last - first) / sample)))
     tried = steps(np.concatenate([start - off, start + off, np.linspace(first, last, COARSE)]))
     ratios = starts.ratios(tried)
-    possible = np.flatnonzero(ratios > ratios.max() - FAR)
+    possible = np.flatnonzero(ratios > ratios.max() - THRESHOLDS.beginning_apart)
     earliest, latest = tried[max(possible[0] - 1, 0)], tried[min(possible[-1] + 1, len(tried) - 1)]
     # whole samples apart: many effects act from one on
     stride = sample * max(1.0, np.round((latest - earliest) / (APART * sample)))

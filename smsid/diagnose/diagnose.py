@@ -14,7 +14,6 @@ from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.noise_covariance import FOLLOWED
 from smsid.diagnose.open_loop import unexplained_fraction
 from smsid.diagnose.outliers import outliers, recount_outliers
@@ -57,10 +56,7 @@ from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
 
 LOGGER = logging.getLogger(__name__)
-SHORTEST = THRESHOLDS.shortest
 RATE = 25.0  # [Hz]
-LOUD = THRESHOLDS.loud
-FOREIGN = THRESHOLDS.foreign
 
 
 @short_repr
@@ -134,7 +130,6 @@ def _diagnose(
     rate: float,
     names: tuple[str, ...],
 ) -> Diagnosed:
-    levels = DetectionThresholds()
     for recording in recordings:
         recording.check()
     labels = labels_of(recordings)
@@ -154,7 +149,7 @@ def _diagnose(
 
     def searched(problem: Problem, point: Point, before: Search | None = None) -> Search:
         """Search, or stay with what was found ``before`` where a search fails numerically."""
-        own = levels.beside_a_cause if faults else levels
+        own = THRESHOLDS.beside_a_cause if faults else THRESHOLDS
         try:
             return search(point, problem, known.unknowns, candidates, own, coarse)
         except (SmsidError, np.linalg.LinAlgError) as error:
@@ -265,9 +260,9 @@ def _problem(point: Point, placed: Placed, joint: JointPrior) -> Problem:
     """Return a recording as a problem; raises `RecordingError` for one that is too short or empty."""
     recording = placed.recording
     data = measurements_of(point.base, recording, point.description.effective_sensors())
-    if len(data.times) < SHORTEST:
+    if len(data.times) < THRESHOLDS.shortest:
         raise RecordingError(
-            f"'{placed.label}' has {len(data.times)} samples; a diagnosis needs {SHORTEST}.",
+            f"'{placed.label}' has {len(data.times)} samples; a diagnosis needs {THRESHOLDS.shortest}.",
             advice="Record longer.",
         )
     read = [*data.values.T, *(q for quaternions in data.attitude.values() for q in quaternions.T)]
@@ -297,18 +292,16 @@ def _gain(
     try:
         nominal, held = found.nominal.point, order_columns(recordings[0], given.base)
         return gain(given, nominal, extended, held, found.last.problem, rate, faults), ""
-    except SmsidError as error:
-        return None, f"not on '{recordings[0].name}': {error.message}"
-    except np.linalg.LinAlgError as error:
-        return None, f"not on '{recordings[0].name}': {error}"
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        return None, f"not on '{recordings[0].name}': {getattr(error, 'message', error)}"
 
 
 def _foreign(found: Search) -> str:
     """Return why the recording cannot be of this spacecraft, if so; asked where it is not followed."""
-    if normalised_rmse(found.last.run) < FOLLOWED and max(found.noise.values()) < LOUD:
+    if normalised_rmse(found.last.run) < FOLLOWED and max(found.noise.values()) < THRESHOLDS.loud:
         return ""
     left = unexplained_fraction(found.last, found.noise)
-    if left > FOREIGN:
+    if left > THRESHOLDS.foreign:
         return f"Even with everything refitted, {100 * left:.0f} % of the motion is left unexplained."
     return ""
 

@@ -69,18 +69,16 @@ def exchange_step(
             LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)
             own, last, columns = *better, {}
         samples = last.run.samples
-        paid = replace(own, ratio=own.ratio - _more(less, own, last))
+        # less what the parameters cost that it freed beside those it was scored with
+        paid = replace(own, ratio=2.0 * own.ratio - own.information_gain(samples) - cost(less, own, last))
         near = [s for s in scores if s.candidate.key != own.candidate.key]
         near = [s for s in near if not is_distinguishable(paid, s, samples, levels)]
         near.sort(key=lambda s: -s.odds(samples))
         close = aliases_of(paid, near, samples)
-        causes[i] = replace(cause if better is None else _exchanged(cause, less, own), aliases=close)
+        if better is not None:
+            cause = Cause(own, (), own.ratio, tuple(u.name for u in less.unknowns))
+        causes[i] = replace(cause, aliases=close)
     return causes, last
-
-
-def _exchanged(cause: Cause, less: Fit, score: Score) -> Cause:
-    """Return a cause with another score, found beside the parameters of a fit without it."""
-    return replace(cause, score=score, ratio=score.ratio, beside=tuple(u.name for u in less.unknowns))
 
 
 def _by_key(found: Fit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
@@ -164,11 +162,6 @@ def _unexplained(found: Fit) -> float:
     q, _ = found.factors
     within = q.T @ found.residual
     return float(found.residual @ found.residual - within @ within)
-
-
-def _more(less: Fit, own: Score, last: Fit) -> float:
-    """Return what the parameters cost that a cause freed beside those it was scored with."""
-    return cost(less, own, last) - (own.ratio - own.information_gain(last.run.samples))
 
 
 def _refitted(

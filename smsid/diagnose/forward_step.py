@@ -12,7 +12,6 @@ from smsid.diagnose.backward_elimination import eliminate_backward
 from smsid.diagnose.change_point import (
     always,
     always_together,
-    begins_midway,
     best_onsets,
     is_poor_fit,
     refine_onset,
@@ -27,6 +26,7 @@ from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, sign
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import Fit, evaluate, fit
@@ -34,8 +34,9 @@ from smsid.estimation.problem import Problem
 from smsid.estimation.step_size import with_half_the_step
 
 LOGGER = logging.getLogger(__name__)
-CLEAR = THRESHOLDS.beginnings_sought
 ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
+REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
+APART = 100.0  # times what the motion changed, that has to be left of it: a tenth of its size is off then
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -140,7 +141,7 @@ class State:
         reached = self.current
         self._there_always()
         if self.current is not reached:
-            self._score_anew()
+            self._score_again(reached.run)
         if not self.causes or (len(self.causes) == 1 and not self._finer):
             return
         self.causes, found = exchange_step(
@@ -177,9 +178,10 @@ class State:
         """Go on from another fit, as judged anew; return whether it is another."""
         if found is self.current:
             return False
+        before = self.current.run
         self._keep(found)
         self._there_always()  # what had begun beside another cause
-        self._score_anew()
+        self._score_again(before)
         return True
 
     @property
@@ -217,7 +219,7 @@ class State:
         few = self.levels.contenders
         leading = [best, *(s for s in self.scores if s is not best)][:few]
         clear = best.ratio > min(
-            CLEAR, self.levels.linear
+            THRESHOLDS.beginnings_sought, self.levels.linear
         )  # enough for what is there in part to pass as another
         onsets = scan_onsets(self.current, self.scores if clear else leading)
         if clear:
@@ -257,15 +259,16 @@ class State:
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
         strong = cause.ratio > levels.linear
-        counted = self.fitted.misfit
+        counted, before = self.fitted.misfit, self.current.run
         self._move(found, strong=strong)
         self._out.update(c.score.candidate.key for c in within)
         strong = strong or (self._finer and max(c.ratio for c in self.causes) > levels.linear)
         if strong:
             self._keep(finely_stepped(self.current))
-        if strong or counted:  # signatures are those of another motion, or in other noise
-            self._columns.clear()
-        self.scores = self._scored()
+        if counted:  # signatures are those in other noise
+            self._score_anew()
+        else:
+            self._score_again(before)
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)
@@ -315,9 +318,25 @@ class State:
         self._columns.clear()
         self.scores = self._scored()
 
-    def _scored(self) -> list[Score]:
-        """Score the candidates left, the best first; signatures already known are used again."""
+    def _score_again(self, before: FilterRun) -> None:
+        """Score along another motion than one ``before``, with signatures of that where they do.
+
+        They do where they explain nothing and are so far apart from what is fitted that what the motion
+        changes is small beside what is left of them: of a payload beside its link's mass it is not.
+        """
+        moved = squared_distance(before, self.current.run)
+        refused = [s for s in self._scored() if s.p_value > REFUSED and s.excited > APART * moved]
+        keys = {s.candidate.key for s in refused}
+        self._columns = {key: own for key, own in self._columns.items() if key in keys}
+        self.scores = self._scored(refused)
+
+    def _scored(self, refused: Sequence[Score] = ()) -> list[Score]:
+        """Score the candidates left, the best first; signatures already known are used again.
+
+        Those ``refused`` keep their scores.
+        """
         out = self._out | {c.score.candidate.key for c in self.causes}
+        out |= {s.candidate.key for s in refused}
         rest = [c for c in self.candidates if c.key not in out]
         if self.fitted.unknown:
             elsewhere = (c for c in rest if not is_at(c.location, self.fitted.unknown))
@@ -329,7 +348,18 @@ class State:
         seen = [c for c in rest if c.key in self._columns]
         scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
-        return sorted(scores, key=self._worth, reverse=True)
+        return sorted((*scores, *refused), key=self._worth, reverse=True)
+
+
+def squared_distance(run: FilterRun, other: FilterRun) -> float:
+    """Return the largest share that the accelerations of two runs differ by, in squares; 1 at least where
+    they are of other coordinates.
+    """
+    one, two = run.states.a, other.states.a
+    if one.shape != two.shape:
+        return 1.0
+    size = np.square(one).mean(axis=0)
+    return float((np.square(two - one).mean(axis=0) / np.where(size > 0.0, size, np.inf)).max(initial=0.0))
 
 
 def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThresholds) -> tuple[list[Cause], Fit]:
@@ -340,7 +370,7 @@ def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThreshold
     scores, found = [c.score for c in causes], current
     for i, score in enumerate(scores):
         scores[i], found = always(found, score, levels.onset)
-    if sum(begins_midway(s) for s in scores) > 1:
+    if sum(s.candidate.start is not None for s in scores) > 1:
         scores, found = always_together(found, scores, levels.onset)
     return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found
 
@@ -378,7 +408,7 @@ def _may(candidate: Candidate, within: Mapping[str, str]) -> bool:
     effect = candidate.effect
     if effect is None or type(candidate) is not Candidate:
         return False
-    return getattr(effect, "start", None) is None and effect.name not in within
+    return candidate.start is None and effect.name not in within
 
 
 SEEN = THRESHOLDS.steps_seen

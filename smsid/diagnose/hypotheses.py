@@ -48,7 +48,7 @@ def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[
 
     An effect class of the user takes part by a class method ``candidates(model)`` that yields candidates.
     """
-    found: list[Candidate] = []
+    found: dict[tuple[str, str, str], Candidate] = {}
     for candidate in (
         *_joints(point, problem),
         *_bodies(point, nominal),
@@ -62,9 +62,8 @@ def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[
         *_sensors(point, problem),
         *_users(point),
     ):
-        if candidate.key not in {c.key for c in found}:
-            found.append(candidate)
-    return found
+        found.setdefault(candidate.key, candidate)
+    return list(found.values())
 
 
 def _instance(kind: str, name: str, **fields: Any) -> Effect | None:

@@ -13,55 +13,18 @@ from scipy.stats import chi2
 
 from smsid.diagnose.profiled_hypothesis import Resolved
 from smsid.diagnose.score_test import Candidate, Score, correlation, odds
-from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, fit, within_reach
 from smsid.estimation.parameter_vector import Unknown
 
 LOGGER = logging.getLogger(__name__)
 NEAR = THRESHOLDS.near
-BEYOND = THRESHOLDS.beyond
-NESTED = THRESHOLDS.nested
-CONTAINED = THRESHOLDS.contained
-AS_GOOD = THRESHOLDS.contained_better
 FEW = 2  # aliases that are named whatever their chances are
-REST = THRESHOLDS.left_out
 SURE, HALF = 2.0, 0.5  # standard deviations, and share of a cause, within which what it lacks is small
 AXES = (".x", ".y", ".z")
 STILL = 1e-6  # of a step: a strength that moved less is where the effect does nothing
-SURPLUS = THRESHOLDS.surplus
-CURVED = THRESHOLDS.curved
-
-
-@dataclass(frozen=True)
-class DetectionThresholds:
-    """Levels of significance, over all candidates and over all generic tests together; and the search's ends.
-
-    ``candidate`` is that of the first cause, ``further`` that of one beside others: that a recording has two
-    things wrong takes more evidence than that it has one.
-    ``alias`` is the difference of doubled log odds below which two candidates are not told apart (6.6: what
-    is there is beaten by that in half a percent of the cases at most, however like it another is that has as
-    many parameters; siblings with more are another matter, `is_distinguishable`);
-    ``onset`` is what a beginning midway has to gain beyond what its search costs (9.2: a hundred times as
-    likely); ``linear`` the likelihood ratio up to which the linear score is believed
-    without a refit of the contenders. ``beside`` is the share of the strongest cause's ratio below which
-    what is left beside it may be how finely the model follows that cause (3 % of its size): no cause.
-    """
-
-    candidate: float = THRESHOLDS.candidate
-    block: float = THRESHOLDS.block
-    further: float = THRESHOLDS.further
-    alias: float = THRESHOLDS.alias
-    onset: float = THRESHOLDS.onset
-    linear: float = THRESHOLDS.linear
-    beside: float = THRESHOLDS.beside
-    causes: int = 3
-    contenders: int = 3
-
-    @property
-    def beside_a_cause(self) -> DetectionThresholds:
-        """The levels for what stands beside a cause or a fault that is known."""
-        return replace(self, candidate=min(self.candidate, self.further))
+OUT_OF_REACH = 0.01  # of what the best contender gains, by which another may fall behind on its way
 
 
 @dataclass(frozen=True)
@@ -105,17 +68,19 @@ def accept(
     if best.ratio > levels.linear:
         close = [s for s in rivals if worth(s) > 0.9 * worth(best)]
         contenders += close[: levels.contenders - 1]
-        if _begins(best):  # large and curved, what is there all the time scores less than it explains
-            still = next((s for s in rivals if not _begins(s)), None)
+        # large and curved, what is there all the time scores less than it explains
+        if best.candidate.start is not None:
+            still = next((s for s in rivals if s.candidate.start is None), None)
             if still is not None and not any(s is still for s in contenders):
                 contenders.append(still)
     fitted: list[tuple[float, Score, Fit]] = []
+    at_most = np.inf
     for s in contenders:
-        found = refit(current, s)
+        found = refit(current, s, at_most)
         if found is None:
             continue
         ratio = 2.0 * (current.objective - found.objective)
-        if ratio > SURPLUS * s.ratio + levels.linear:
+        if ratio > THRESHOLDS.surplus * s.ratio + levels.linear:
             # the others' fit had perhaps not come to rest: what do they reach from here without it?
             current = without_candidate(current, found, s.candidate)
         LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
@@ -124,6 +89,9 @@ def accept(
             LOGGER.info("%s ran away: Wald's statistic is %.1f", s.candidate.key, told)
             continue
         fitted.append((-2.0 * found.objective - cost(current, s, found), s, found))
+        # one that comes nowhere near is neither the winner nor an alias, wherever it ends
+        room = levels.alias + cost(current, s, found) + OUT_OF_REACH * ratio
+        at_most = min(at_most, found.objective + 0.5 * room)
     if not fitted:
         return None, current
     value, winner, found = max(fitted, key=lambda x: x[0])
@@ -163,18 +131,14 @@ def simplest_law(best: Score, scores: Sequence[Score], samples: int, levels: Det
     return best
 
 
-def _begins(s: Score) -> bool:
-    return getattr(s.candidate.effect, "start", None) is not None
-
-
 def aliases_of(
     winner: Score, near: Sequence[Score], samples: int, reached: Mapping[int, float] | None = None
 ) -> tuple[tuple[Score, float], ...]:
     """Return those of the candidates not rejected that look like the winner, with their correlations; the
     likeliest first.
 
-    Of more than two, the least likely are left out that hold `REST` of the chances at most (by their
-    odds); never one that explains as much as the winner does or can do the same. ``reached`` are the
+    Of more than two, the least likely are left out that hold `THRESHOLDS.left_out` of the chances at most (by
+    their odds); never one that explains as much as the winner does or can do the same. ``reached`` are the
     criteria of scores after a refit, by ``id``; the others' are linear.
     """
     alike = [(s, correlation(winner, s)) for s in near if s is not winner]
@@ -186,11 +150,11 @@ def aliases_of(
         lead = refitted[id(winner)] - refitted[id(s)] if both else best - s.odds(samples)
         return float(np.exp(-0.5 * max(lead, 0.0)))
 
-    left = REST * (1.0 + sum(chance(s) for s, _ in alike))
+    left = THRESHOLDS.left_out * (1.0 + sum(chance(s) for s, _ in alike))
     for s, how in sorted(alike, key=lambda a: chance(a[0])):
         if len(alike) <= FEW or chance(s) > left:
             break
-        if s.ratio < winner.ratio and how <= CONTAINED:
+        if s.ratio < winner.ratio and how <= THRESHOLDS.contained:
             left -= chance(s)
             alike = [a for a in alike if a[0] is not s]
     return tuple(sorted(alike, key=lambda a: -chance(a[0])))
@@ -213,20 +177,20 @@ def is_distinguishable(winner: Score, rival: Score, samples: int, levels: Detect
     a, b = winner.candidate, rival.candidate
     more = rival.freedom - winner.freedom
     lead = winner.ratio - rival.ratio
-    chance = BEYOND / a.grid
+    chance = THRESHOLDS.beyond / a.grid
     if winner.ratio <= levels.linear and lead > float(chi2.isf(chance, max(winner.freedom, 1))):
         return True
     if more > 0 and (a.location, a.family) == (b.location, b.family):
         if b.extends(a):
-            return -lead < float(chi2.isf(NESTED, more))
+            return -lead < float(chi2.isf(THRESHOLDS.nested, more))
         if set(a.free) <= set(b.free):
             weak = winner.ratio <= levels.linear  # else what it adds would show
-            return -lead < float(chi2.isf(NESTED, more)) and not (weak and _open(winner, rival))
-        if lead < levels.alias and correlation(winner, rival) > AS_GOOD:
+            return -lead < float(chi2.isf(THRESHOLDS.nested, more)) and not (weak and _open(winner, rival))
+        if lead < levels.alias and correlation(winner, rival) > THRESHOLDS.contained_better:
             return False
     if more > 0 and winner.freedom == 1 and lead < levels.alias:
         alike = correlation(winner, rival)
-        if alike > CONTAINED or (lead <= 0.0 and alike > AS_GOOD):
+        if alike > THRESHOLDS.contained or (lead <= 0.0 and alike > THRESHOLDS.contained_better):
             return winner.odds(samples) - best_subset_odds(rival, samples) >= levels.alias
     return winner.odds(samples) - rival.odds(samples) >= levels.alias
 
@@ -282,8 +246,11 @@ def without_candidate(current: Fit, found: Fit, candidate: Candidate) -> Fit:
     return further if further.objective < current.objective else current
 
 
-def refit(current: Fit, s: Score) -> Fit | None:
-    """Return the fit with a candidate's parameters free, started from its linear estimate."""
+def refit(current: Fit, s: Score, at_most: float = np.inf) -> Fit | None:
+    """Return the fit with a candidate's parameters free, started from its linear estimate; given up where it
+    does not come to the objective ``at_most``.
+    """
+    at_most = min(at_most, current.objective)
     candidate = s.candidate
     own = candidate.unknowns(current.unknowns)
     kept = [u for u in current.unknowns if u.name not in {o.name for o in own}]
@@ -298,8 +265,8 @@ def refit(current: Fit, s: Score) -> Fit | None:
         try:
             if not at.physical():
                 continue
-            found = fit(at, unknowns, current.problem, iterations=12, at_most=current.objective)
-            return _with_more(found, candidate) if found.objective < current.objective else found
+            found = fit(at, unknowns, current.problem, iterations=12, at_most=at_most)
+            return _with_more(found, candidate) if found.objective < at_most else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
     return None
@@ -359,7 +326,7 @@ def with_further(found: Fit, causes: Sequence[Cause]) -> Fit | None:
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s: nothing further: %s", cause.score.candidate.key, error)
             continue
-        if CURVED * promised > float(np.log(found.run.samples)):
+        if THRESHOLDS.curved * promised > float(np.log(found.run.samples)):
             larger = _with_more(found, cause.score.candidate)
             if larger is not found:
                 return larger

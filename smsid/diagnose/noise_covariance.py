@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.signal import welch
@@ -20,12 +21,10 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Noise, Problem
 
 LOGGER = logging.getLogger(__name__)
-SLOW = THRESHOLDS.slow
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
 HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
-LEFT = THRESHOLDS.own_channel
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
@@ -147,47 +146,50 @@ def but_for_a_structure(
     A panel or a tank is described by a few modes; what else it does reaches all channels, but is a force on
     these modes and a wrench on what carries it. ``held`` are names of parameters that stay, by structure.
     """
-    model, last = found.fit.changes.model, found.fit
-    places = {a.appendage.name: [model.pin.joints[j].idx_v for j in a.seen] for a in model.appendages}
-    places |= {tank.name: [*range(tank.v.start, tank.v.stop)] for tank in model.slosh}
-    stated = last.problem.data.scaled(1.0 / found.factors)
-    for place, own_dofs in places.items():
-        dofs = [*(range(6) if model.free else ()), *own_dofs]
-        own = {b.channel for b in stated.blocks if place in (b.sensor.appendage, b.sensor.name)}
-        problem = with_unknown(
-            replace(last.problem, data=stated), last.run, dofs, own, held=len(stated.times)
-        )
+    last, stated = found.fit, found.fit.problem.data.scaled(1.0 / found.factors)
+    for place, problem in unknown_structures(last, replace(last.problem, data=stated)):
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
-        try:
-            rest = fit(last.point, unknowns, problem, iterations=2)
-            if normalised_rmse(rest.run) < MISFIT:
-                rest = continued(rest, iterations=6)
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("not with %s unknown: %s", place, error)
+        rest = _followed(last.point, unknowns, problem)
+        if rest is None:
             continue
         left = strays_by_row(rest.run, np.ones(stated.rows))
         LOGGER.info("with %s unknown, up to %.3g times the noise is left", place, left.max())
-        if normalised_rmse(rest.run) < FOLLOWED and left.max() < LEFT:
+        if left.max() < THRESHOLDS.own_channel:
             return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
     return None
+
+
+def unknown_structures(found: Fit, problem: Problem) -> Iterator[tuple[str, Problem]]:
+    """Yield the name of every structure, and a problem as a fit's in which its motion is unknown and its own
+    channels are left out.
+    """
+    model, data = found.changes.model, problem.data
+    places = {a.appendage.name: [model.pin.joints[j].idx_v for j in a.seen] for a in model.appendages}
+    places |= {tank.name: [*range(tank.v.start, tank.v.stop)] for tank in model.slosh}
+    for place, own_dofs in places.items():
+        dofs = [*(range(6) if model.free else ()), *own_dofs]
+        own = {b.channel for b in data.blocks if place in (b.sensor.appendage, b.sensor.name)}
+        yield place, with_unknown(problem, found.run, dofs, own, held=len(data.times))
 
 
 def _exact(found: Fitted) -> Fitted | None:
     """Return the fit to the noise as it is stated, where the model follows the recording that far."""
     stated = found.fit.problem.data.scaled(1.0 / found.factors)
-    problem = replace(found.fit.problem, data=stated)
+    exact = _followed(found.fit.point, found.fit.unknowns, replace(found.fit.problem, data=stated))
+    return None if exact is None else _with_noise(Fitted(exact, np.ones(stated.rows)))
+
+
+def _followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
+    """Return a fit to the noise as stated, or nothing where the model does not follow that far."""
     try:
-        first = fit(found.fit.point, found.fit.unknowns, problem, iterations=2)
-    except SimulationError as error:
+        found = fit(point, unknowns, problem, iterations=2)
+        if normalised_rmse(found.run) > MISFIT:
+            return None
+        found = continued(found, iterations=6)
+    except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("not to the noise: %s", error)
         return None
-    if normalised_rmse(first.run) > MISFIT:
-        return None
-    exact = continued(first, iterations=6)
-    if normalised_rmse(exact.run) > FOLLOWED:
-        return None
-    LOGGER.info("what is left can be fitted to the noise")
-    return _with_noise(Fitted(exact, np.ones(stated.rows)))
+    return found if normalised_rmse(found.run) <= FOLLOWED else None
 
 
 def _with_noise(found: Fitted) -> Fitted:
@@ -220,15 +222,12 @@ def with_misfit(found: Fitted) -> Fitted:
 
 def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:
     problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor))
-
-    def from_there(point: Point) -> Fit:
-        return fit(point, found.fit.unknowns, problem, iterations=iterations, enough=enough)
-
+    again = partial(fit, unknowns=found.fit.unknowns, problem=problem, iterations=iterations, enough=enough)
     try:
-        fitted = from_there(found.fit.point)
+        fitted = again(found.fit.point)
     except SimulationError as error:  # where the last step of a fit goes is not filtered again
         LOGGER.info("from the step before: %s", error)
-        fitted = from_there(found.fit.changes.point)
+        fitted = again(found.fit.changes.point)
     return replace(found, fit=fitted, factors=found.factors * factor)
 
 
@@ -253,7 +252,7 @@ def noise_factors(data: Measured, run: FilterRun) -> np.ndarray:
             rough = np.diff(x)
             calm = np.abs(rough) < 5.0 * np.median(np.abs(rough)) + 1e-12
             whole, fast = float(np.mean(x[middle] ** 2)), 0.5 * float(np.mean(rough[calm] ** 2))
-            shares.append(whole if whole < SLOW * fast else fast)
+            shares.append(whole if whole < THRESHOLDS.slow * fast else fast)
         if shares:
             out[rows] = np.sqrt(np.mean(shares))
     return out

@@ -52,7 +52,8 @@ def open_loop(model: SpacecraftModel, problem: Problem) -> FilterRun:
             break
         better = None
         for share in (1.0, 0.3, 0.1):
-            trial = _moved(model, at, share * step)
+            q = pin.integrate(model.pin, at.q, share * step[: model.nv])
+            trial = replace(at, q=q, v=at.v + share * step[model.nv :])
             try:
                 run = _simulated(model, problem, trial)
             except SimulationError as error:
@@ -104,13 +105,7 @@ def _cost(run: FilterRun, level: np.ndarray) -> float:
     return float(np.sum((np.where(run.used, run.errors, 0.0) / level) ** 2))
 
 
-def _moved(model: SpacecraftModel, at: Belief, step: np.ndarray) -> Belief:
-    nv = model.nv
-    return replace(at, q=pin.integrate(model.pin, at.q, step[:nv]), v=at.v + step[nv:])
-
-
 SETTLE = 5.0  # [s] corrected before the model runs by itself
-MOVES = THRESHOLDS.moves
 QUANTITIES = ("joint_velocity", "angular_rate", "velocity")
 
 
@@ -139,5 +134,5 @@ def unexplained_fraction(fit: Fit, noise: dict[str, float]) -> float:
             moved = np.nanstd(values, axis=0)
             off = np.sqrt(np.nanmean(run.errors[later, block.rows] ** 2, axis=0))
             stated = data.sigma[block.rows] / noise[block.channel]
-            left += [o / m for o, m, s in zip(off, moved, stated, strict=True) if m > MOVES * s]
+            left += [o / m for o, m, s in zip(off, moved, stated, strict=True) if m > THRESHOLDS.moves * s]
     return float(np.median(left)) if left else float("nan")

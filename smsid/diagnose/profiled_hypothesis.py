@@ -327,7 +327,6 @@ class ThresholdHypothesis(Searched):
         return [max(s * size, IDLE) for s in self.shares]
 
 
-STRONG = THRESHOLDS.vertical_seen
 NORMALS = 8  # directions of the orbit's normal that are tried then
 DIRECTIONS = 100  # of the vertical, over half a sphere
 SMALL = 1e-5  # [rad] step of a difference
@@ -385,7 +384,11 @@ class GravityGradientHypothesis(Candidate):
             own_effect.model_copy(update={"nadir": tuple(vertical.tolist()), "normal": tuple(n.tolist())})
             for n in normals
         ]
-        effect = effects[0] if ratio < STRONG else self._turning(found, effects, size * self.steps[0])
+        effect = (
+            effects[0]
+            if ratio < THRESHOLDS.vertical_seen
+            else self._turning(found, effects, size * self.steps[0])
+        )
         moved = [np.cross(h, vertical) for h in SMALL * np.eye(3)]
         ends = [coefficients(vertical + d) - coefficients(vertical - d) for d in moved]
         turned = [size * d / (2.0 * SMALL) for d in ends]

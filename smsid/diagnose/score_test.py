@@ -57,6 +57,11 @@ class Candidate:
         """What makes it itself: kind, location, shape."""
         return self.kind, self.location, self.shape
 
+    @property
+    def start(self) -> float | None:
+        """When its effect begins midway [s]."""
+        return getattr(self.effect, "start", None)
+
     def extends(self, other: Candidate) -> bool:
         """Whether another is a simpler law of the same place."""
         same = (self.location, self.family) == (other.location, other.family)
@@ -67,8 +72,8 @@ class Candidate:
         one, two = self.effect, other.effect
         if one is None or two is None or one.name != two.name:
             return False
-        starts = [(getattr(e, "start", None), c.recording) for e, c in ((one, self), (two, other))]
-        return starts[0] == starts[1] and set(other.free) < set(self.free)
+        same = (self.start, self.recording) == (other.start, other.recording)
+        return same and set(other.free) < set(self.free)
 
     def unknowns(self, nominal: Sequence[Unknown]) -> tuple[Unknown, ...]:
         """Return the parameters it frees as unknowns, without prior where its effect states none."""
@@ -254,7 +259,7 @@ def changes_of(found: Fit, candidate: Candidate) -> list[Sensitivity]:
 
     Raises `SmsidError` where it cannot be there.
     """
-    if getattr(candidate.effect, "start", None) is not None:
+    if candidate.start is not None:
         return candidate.columns(found.changes, found.unknowns)
     known, what = found.changes.by_candidate, (candidate.key, candidate.free)
     if what not in known:

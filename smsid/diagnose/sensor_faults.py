@@ -14,10 +14,6 @@ from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.measurements import ChannelSlice, Measured
 
-STUCK_RUN = THRESHOLDS.stuck_run
-REPEATS = THRESHOLDS.repeats
-FINE = THRESHOLDS.fine
-
 
 @dataclass(frozen=True)
 class Fault:
@@ -58,7 +54,7 @@ def stuck_channels(data: Measured) -> list[Fault]:
         block = next(b for b in data.blocks if b.rows.start <= row < b.rows.stop)
         x = _readings(data, block, row)
         there = np.flatnonzero(np.isfinite(x).all(axis=1))
-        if len(there) < 2 * STUCK_RUN:
+        if len(there) < 2 * THRESHOLDS.stuck_run:
             continue
         same = np.append((np.diff(x[there], axis=0) == 0.0).all(axis=1), False)
         runs = _runs(same)
@@ -68,7 +64,7 @@ def stuck_channels(data: Measured) -> list[Fault]:
         start, length = max(runs[rests:], key=lambda r: r[1])
         others = max((n for s, n in runs if s != start), default=0)
         fine = not others and _fine(x[there, 0], float(data.sigma[row]))
-        if length < (REPEATS if fine else STUCK_RUN) or length < 4 * others:
+        if length < (THRESHOLDS.repeats if fine else THRESHOLDS.stuck_run) or length < 4 * others:
             continue
         marked = np.zeros(data.values.shape, dtype=bool)
         marked[there[start + 1 : start + length + 1], row] = True
@@ -87,7 +83,7 @@ def _fine(x: np.ndarray, sigma: float) -> bool:
     """Whether values are read in steps far below their noise, or in none that shows."""
     gaps = np.diff(np.unique(x))
     step = float(gaps.min(initial=np.inf))
-    return sigma > FINE * step or (len(gaps) > STUCK_RUN and not _on_grid(gaps, step))
+    return sigma > THRESHOLDS.fine * step or (len(gaps) > THRESHOLDS.stuck_run and not _on_grid(gaps, step))
 
 
 def quantised_channels(data: Measured) -> list[Fault]:
@@ -170,9 +166,6 @@ def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-HELD = THRESHOLDS.at_rest
-
-
 def resting_channels(found: Fit, whole: Measured, faults: Sequence[Fault]) -> list[Fault]:
     """Return the doubtful faults among ``faults`` that are none: the model predicts that the channel rests.
 
@@ -192,7 +185,7 @@ def _fits(found: Fit, whole: Measured, fault: Fault) -> bool:
     except SimulationError:
         return False
     more = float((run.innovations**2).sum() - (found.run.innovations**2).sum())
-    return more < HELD**2 * (run.samples - found.run.samples)
+    return more < THRESHOLDS.at_rest**2 * (run.samples - found.run.samples)
 
 
 ROWS = 60  # readings that are looked at

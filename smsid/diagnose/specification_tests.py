@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from smsid.diagnose.score_test import EXCITED
+from smsid.diagnose.score_test import EXCITED, least_squares
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
@@ -25,7 +25,6 @@ RIPPLE = range(3, 13)
 LAGS = 8
 PAST = "its own past"
 BANDS = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # of the highest frequency
-LEFT = THRESHOLDS.own_channel
 SIGN = 1e-3  # [rad/s] rate at which the sign of a rate turns over
 
 
@@ -131,11 +130,8 @@ def adequacy(found: Fit) -> list[SpecificationTest]:
         start = index.stop
         own = left[:, index]
         raw = np.einsum("ij,ij->j", whitened[:, index], whitened[:, index])
-        size = np.sqrt(np.where(raw > 0.0, raw, 1.0))
-        values, vectors = np.linalg.eigh((own.T @ own) / np.outer(size, size))
-        keep = values > EXCITED
-        scaled = (vectors[:, keep] / np.sqrt(values[keep])).T @ (slope[index] / size)
-        ratio, freedom = float(scaled @ scaled), int(keep.sum())
+        _, _, ratio, values = least_squares(own.T @ own, slope[index], raw)
+        freedom = int((values > EXCITED).sum())
         blocks.append(SpecificationTest(where, dependence, ratio, freedom, location=location))
     blocks += whiteness(found)
     return sorted(blocks, key=lambda b: b.order)
@@ -181,7 +177,7 @@ def band_tests(found: Fit, factors: np.ndarray) -> list[SpecificationTest]:
             inside = (share <= high) & ((share > low) | (low == 0.0))
             freedom = int(degrees[inside].sum()) * (block.rows.stop - block.rows.start)
             ratio = float(own[inside].sum())
-            if ratio > LEFT**2 * freedom > 0.0:
+            if ratio > THRESHOLDS.own_channel**2 * freedom > 0.0:
                 times = f"{np.sqrt(ratio / freedom):.3g} times the noise"
                 band = f"frequency, {low * highest:.2g} to {high * highest:.2g} Hz ({times})"
                 out.append(SpecificationTest(block.channel, band, ratio, freedom, location=block.channel))

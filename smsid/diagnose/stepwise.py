@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from smsid.diagnose.noise_covariance import (
     first_fit,
     normalised_rmse,
     strays_by_row,
+    unknown_structures,
     with_levels,
 )
 from smsid.diagnose.open_loop import unexplained_fraction
@@ -27,6 +29,7 @@ from smsid.diagnose.specification_tests import (
     SpecificationTest,
     adequacy,
     band_tests,
+    is_at,
     unknown_input_tests,
 )
 from smsid.diagnose.strong_causes import coarse_cause
@@ -37,8 +40,6 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-STRAYS = THRESHOLDS.strays
-LOST = THRESHOLDS.lost
 
 
 @short_repr
@@ -95,7 +96,7 @@ def search(
     problem: Problem,
     unknowns: Sequence[Unknown],
     candidates: Sequence[Candidate],
-    levels: DetectionThresholds | None = None,
+    levels: DetectionThresholds = THRESHOLDS,
     coarse: frozenset[str] = frozenset(),
 ) -> Search:
     """Return the causes that explain a recording, found one after the other.
@@ -105,7 +106,6 @@ def search(
     Raises `SimulationError` when the nominal model cannot be filtered at all, `RecordingError` when it
     predicts nothing of the motion.
     """
-    levels = levels or DetectionThresholds()
     clock = [time.process_time()]
     state = _begun(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
@@ -147,12 +147,12 @@ def _begun(
     """Return where a search begins: with the nominal parameters fitted, or, where that leads nowhere, with a
     strong cause beside them.
     """
-    fitted: Fitted | None = None
+    first = fitted = None
     lost: SmsidError | np.linalg.LinAlgError | None = None
     strays = True
     try:
         first = first_fit(point, problem, unknowns)
-        strays = normalised_rmse(first.fit.run) > STRAYS
+        strays = normalised_rmse(first.fit.run) > THRESHOLDS.strays
         fitted = with_levels(first)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
@@ -160,14 +160,18 @@ def _begun(
     # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
     local = fitted is not None and strays and (fitted.alone or _is_local(fitted))
     if strays and not local:
-        coarse = coarse_cause(point, problem, unknowns, candidates)
-        if coarse is not None:
-            fitted = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows)))
-            return State(fitted, candidates, levels, known=coarse.cause, nominal=coarse.nominal)
+        # beside a structure that does not move as described, nothing follows but with that unknown
+        structures = () if first is None else unknown_structures(first.fit, problem)
+        for place, seen in chain([("", problem)], structures):
+            elsewhere = [c for c in candidates if not (place and is_at(c.location, place))]
+            coarse = coarse_cause(point, seen, unknowns, elsewhere)
+            if coarse is not None:
+                begun = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows), unknown=place))
+                return State(begun, candidates, levels, known=coarse.cause, nominal=coarse.nominal)
     if fitted is None:
         assert lost is not None
         raise lost
-    if fitted.misfit and not local and unexplained_fraction(fitted.fit, fitted.by_channel) > LOST:
+    if fitted.misfit and not local and unexplained_fraction(fitted.fit, fitted.by_channel) > THRESHOLDS.lost:
         raise RecordingError(
             "The model predicts the motion worse than no motion would, with its parameters fitted.",
             advice="Is the recording of another spacecraft? Check signs and order of the commands.",

@@ -32,7 +32,6 @@ RATE = 5.0  # [Hz] at which strong causes are compared at first
 SUBSTEP = 0.05  # [s] of the integration there
 TRIED = 3  # candidates that are fitted
 LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
-CLOSE = THRESHOLDS.coarse_close
 
 
 @dataclass(frozen=True)
@@ -47,13 +46,6 @@ class Coarse:
     cause: Cause
 
 
-@dataclass(frozen=True)
-class _Start:
-    candidate: Candidate
-    point: Point
-    likelihood: float
-
-
 def coarse_cause(
     point: Point, problem: Problem, unknowns: Sequence[Unknown], candidates: Sequence[Candidate]
 ) -> Coarse | None:
@@ -62,29 +54,31 @@ def coarse_cause(
     What cannot be filtered or fitted loses that candidate only.
     """
     coarse = replace(thinned(problem, RATE), substep=SUBSTEP)
-    best: dict[tuple[str, str, str], _Start] = {}
+    best: dict[tuple[str, str, str], tuple[float, Candidate, Point]] = {}
     for candidate, start in _starts(point, candidates, [p.label for p in problem.parts]):
         likely = _likelihood(start, coarse)
-        known = best.get(candidate.key)
-        if known is None or likely > known.likelihood:
-            best[candidate.key] = _Start(candidate, start, likely)
+        if candidate.key not in best or likely > best[candidate.key][0]:
+            best[candidate.key] = likely, candidate, start
     nothing = max(_likelihood(point, coarse), LEAST)
-    ahead = sorted((s for s in best.values() if s.likelihood > nothing), key=lambda s: -s.likelihood)
-    LOGGER.info("coarse: %.1f without; %s", nothing, [(s.candidate.key, s.likelihood) for s in ahead[:8]])
-    ahead = [s for s in ahead if s.likelihood - nothing > CLOSE * (ahead[0].likelihood - nothing)]
-    fitted = [(s, f) for s in ahead[:TRIED] if (f := _fitted(s, problem, unknowns)) is not None]
+    ahead = sorted((s for s in best.values() if s[0] > nothing), key=lambda s: -s[0])
+    LOGGER.info("coarse: %.1f without; %s", nothing, [(c.key, likely) for likely, c, _ in ahead[:8]])
+    close = THRESHOLDS.coarse_close * (ahead[0][0] - nothing) if ahead else 0.0
+    tried = [(c, at) for likely, c, at in ahead if likely - nothing > close][:TRIED]
+    fitted = [(c, f) for c, at in tried if (f := _fitted(c, at, problem, unknowns)) is not None]
     if not fitted:
         return None
-    start, found = min(fitted, key=lambda x: x[1].objective)
+    candidate, found = min(fitted, key=lambda x: x[1].objective)
     try:
         nominal = evaluate(point, unknowns, loosened(point.model(), problem, SHARES[0]))
-        score = scored(nominal, [start.candidate], list(signatures(nominal, [start.candidate]).values()))[0]
+        score = scored(nominal, [candidate], list(signatures(nominal, [candidate]).values()))[0]
     except (SmsidError, np.linalg.LinAlgError, IndexError) as error:
-        LOGGER.info("%s cannot be scored: %s", start.candidate.key, error)
+        LOGGER.info("%s cannot be scored: %s", candidate.key, error)
         return None
     # not against the model without it, which loses the recording, nor in one that may err: all are alike
-    ratio = wald(found, start.candidate)
-    score = replace(score, ratio=ratio, estimate=_estimate(found, start.candidate))
+    ratio = wald(found, candidate)
+    own = {u.name: found.point.value(u) - u.nominal for u in found.unknowns}
+    away = [own[n] / s for n, s in zip(candidate.free, candidate.steps, strict=True)]
+    score = replace(score, ratio=ratio, estimate=np.array(away))
     return Coarse(nominal, found, Cause(score, (), ratio, tuple(u.name for u in unknowns)))
 
 
@@ -125,32 +119,26 @@ def _likelihood(point: Point, problem: Problem) -> float:
     return found if np.isfinite(found) else -np.inf
 
 
-def _fitted(start: _Start, problem: Problem, nominal: Sequence[Unknown]) -> Fit | None:
+def _fitted(candidate: Candidate, start: Point, problem: Problem, nominal: Sequence[Unknown]) -> Fit | None:
     """Return a fit with less and less process noise, to none; nothing where it does not follow then.
 
     Nominal parameters are free only where the cause has been fitted: before, they would go anywhere.
     """
-    own = start.candidate.unknowns(nominal)
+    own = candidate.unknowns(nominal)
     unknowns = (*(u for u in nominal if u.name not in {o.name for o in own}), *own)
     try:
-        first = loosened(start.point.model(), problem, SHARES[0])
-        begun = fit(start.point, own, first, iterations=6)
+        first = loosened(start.model(), problem, SHARES[0])
+        begun = fit(start, own, first, iterations=6)
         point = begun.point  # of a strong payload, where its mass is matters
-        unknowns = (*unknowns, *unfitted_parameters(begun, start.candidate))
+        unknowns = (*unknowns, *unfitted_parameters(begun, candidate))
         # only now does it show how commands act between samples
         problem = timed_like(problem, timed(point, loosened(point.model(), problem, SHARES[1])))
         for share in SHARES[1:]:
             point = fit(point, unknowns, loosened(point.model(), problem, share), iterations=6).point
         found = fit(point, unknowns, problem, iterations=10)
     except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("%s does not follow: %s", start.candidate.key, error)
+        LOGGER.info("%s does not follow: %s", candidate.key, error)
         return None
     left = normalised_rmse(found.run)
-    LOGGER.info("%s leaves %.3g times the noise", start.candidate.key, left)
+    LOGGER.info("%s leaves %.3g times the noise", candidate.key, left)
     return found if left <= MISFIT else None
-
-
-def _estimate(found: Fit, candidate: Candidate) -> np.ndarray:
-    """Return a candidate's parameters at a fit, less what they are where it does nothing, in its steps."""
-    own = {u.name: found.point.value(u) - u.nominal for u in found.unknowns}
-    return np.array([own[n] / s for n, s in zip(candidate.free, candidate.steps, strict=True)])

@@ -7,9 +7,11 @@ steps and limits of effort, which decide how long a search takes, stay where the
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
+
+from scipy.stats import norm
 
 from smsid._files import atomic_write
 
@@ -25,8 +27,8 @@ def _row(value: Any, unit: str, reason: str, calibrated: str = CHOSEN) -> Any:
 
 
 @dataclass(frozen=True)
-class Thresholds:
-    """Thresholds by name; unit, reason and calibration are in the fields' metadata."""
+class DetectionThresholds:
+    """Thresholds by name, and where a search ends; unit, reason and calibration are in the metadata."""
 
     candidate: float = _row(0.003, "chance", "of a false first cause, over all candidates tried", STUDIES)
     further: float = _row(3e-4, "chance", "the same of a cause beside another or a fault", STUDIES)
@@ -81,15 +83,28 @@ class Thresholds:
     torque_excited: float = _row(1e-4, SHARE, "measured torques: as `excited`")
     torque_foreign: float = _row(0.7, "of the torque", "measured torques: as `foreign`")
     stamps: float = _row(0.05, "intervals", "below which no delay is claimed: stamps are not that exact")
+    causes: int = _row(3, "1", "most causes that are looked for")
+    contenders: int = _row(3, "1", "most candidates that are refitted in a round")
+
+    @property
+    def beside_a_cause(self) -> DetectionThresholds:
+        """The levels for what stands beside a cause or a fault that is known: two take more evidence."""
+        return replace(self, candidate=min(self.candidate, self.further))
+
+    def detectable(self, tried: int) -> float:
+        """Return how many standard deviations an effect has to have to be found with the stated power, among
+        so many candidates.
+        """
+        return float(norm.isf(self.candidate / max(tried, 1) / 2.0) + norm.isf(1.0 - self.power))
 
 
-THRESHOLDS = Thresholds()
+THRESHOLDS = DetectionThresholds()
 
 
 def thresholds_reference() -> str:
     """Return Markdown with a row per threshold."""
     lines = ["| threshold | value | unit | reason | calibrated by |", "|---|---|---|---|---|"]
-    for f in fields(Thresholds):
+    for f in fields(DetectionThresholds):
         m = f.metadata
         lines.append(f"| `{f.name}` | {f.default:g} | {m['unit']} | {m['reason']} | {m['calibrated']} |")
     return "\n".join(lines) + "\n"

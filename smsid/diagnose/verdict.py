@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.change_time_posterior import Began, onset_posteriors
@@ -26,14 +25,11 @@ if TYPE_CHECKING:
 
     Named = Candidate | TorqueCandidate
 
-POWER = THRESHOLDS.power
-IN_TURN = THRESHOLDS.in_turn
 IN_PIECES = (
     "The simulation does not explain the recording: what would, begins in turn, as the pieces of a drift do "
     "that no cause fits: {}."
 )
 ROUND = 0.02  # how near to a whole number a gain is told in words
-MOSTLY = THRESHOLDS.mostly
 
 SEPARATE = {
     frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",
@@ -62,7 +58,7 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     """A shape that is not claimed may be any sibling's: the likeliest are listed, the number is evidence."""
     own = cause.score.candidate
     start = None if own.effect is None else starts.get(own.effect.name)
-    begun, where = getattr(own.effect, "start", None), own.recording
+    begun, where = own.start, own.recording
     if begun is not None and found.last.problem.parts:
         begun, where = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
@@ -151,8 +147,7 @@ def separate(a: Named, b: Named) -> str:
 
 def limits(found: Search) -> tuple[Limit, ...]:
     """Return the detection limit of every candidate: 95 % power at the corrected level, nuisances free."""
-    level = found.levels.candidate / max(found.candidates, 1)
-    needed = float(norm.isf(level / 2) + norm.isf(1.0 - POWER))
+    needed = found.levels.detectable(found.candidates)
     out = []
     for s in found.scores:
         c = s.candidate
@@ -235,7 +230,7 @@ def is_piecewise_drift(named: Sequence[FoundCause]) -> bool:
             sensor, effect = cause.location.split(".")[0], f"{cause.effect}: {cause.fitted}"
             own = {"sensor": sensor, "external": effect}.get(cause.family, "")
             begun.setdefault((cause.family, own), []).append(cause.onset)
-    return any(max(times) - min(times) > IN_TURN for times in begun.values())
+    return any(max(times) - min(times) > THRESHOLDS.in_turn for times in begun.values())
 
 
 def _in_words(causes: Sequence[FoundCause]) -> str:
@@ -258,9 +253,9 @@ def _with_misfit(
     words = _in_words(named)
     worst = max(found.noise, key=lambda channel: found.noise[channel])
     rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
-    if words and found.followed >= MOSTLY and is_piecewise_drift(named):
+    if words and found.followed >= THRESHOLDS.mostly and is_piecewise_drift(named):
         return "unexplained", IN_PIECES.format(words)
-    if words and found.followed >= MOSTLY:
+    if words and found.followed >= THRESHOLDS.mostly:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
     sentence = f"The simulation does not follow the recording: {rest}, and no cause fits it."
     return "unexplained", sentence + _parts(hints, standing)
@@ -299,9 +294,6 @@ def describe(cause: FoundCause) -> str:
     return what + (f" (or {', or '.join(others)})" if others else "")
 
 
-LEFT = THRESHOLDS.own_channel
-READS = THRESHOLDS.sensor_reads
-LEAST = THRESHOLDS.body_left
 DRAGS = ("viscous", "quadratic", "cubic")
 OF_JOINTS = ("joint_position", "joint_velocity")
 
@@ -320,9 +312,13 @@ def impossible(cause: FoundCause) -> str:
         own = p.name.partition(".")[2]
         if not math.isfinite(p.value):
             return f"{p.name} has no finite value"
-        if cause.effect == "sensor_scale" and own.startswith("error") and abs(1.0 + p.value) < READS:
+        if (
+            cause.effect == "sensor_scale"
+            and own.startswith("error")
+            and abs(1.0 + p.value) < THRESHOLDS.sensor_reads
+        ):
             return f"with {p.name} = {p.value:.4g} the sensor would read nothing"
-        if own == "density" and 1.0 + p.value < LEAST:
+        if own == "density" and 1.0 + p.value < THRESHOLDS.body_left:
             return f"with {p.name} = {p.value:.4g} {cause.location} would have no mass"
         if cause.effect == "joint_friction" and own in DRAGS and p.value < 0.0:
             return f"with {p.name} = {p.value:.4g} {p.unit} the drag would push"
@@ -334,7 +330,7 @@ def impossible(cause: FoundCause) -> str:
 def _own_channel_left(found: Search, cause: FoundCause) -> str:
     """Return which channel a cause shows in directly is still far from explained, if one is."""
     for channel, left in found.noise.items():
-        if left > LEFT and _shows_in(found, cause, channel):
+        if left > THRESHOLDS.own_channel and _shows_in(found, cause, channel):
             return f"{channel} is left at {left:.3g} times its noise"
     return ""
 

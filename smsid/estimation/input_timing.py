@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,15 @@ from smsid.estimation.input_hold import VARYING, Hold, curved, mixed
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem, Timing
+from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
 MISFIT = 10.0  # times its noise that the model leaves, over all channels, before it does not follow
 CLEARLY = 5.0  # in log-likelihood
+BEHIND = 50.0  # in log-likelihood over the first samples, by which a way is out: 10 times `CLEARLY`
+FIRST = 4  # as many parts as the samples have, of which the first is filtered at first in a second look
+FOLLOWED = 1.5  # times its noise, below which that part tells: what is not followed prefers anything
 
 
 def timings(recording: Recording) -> tuple[Timing, ...]:
@@ -44,28 +49,42 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
     Where the model does not follow the recording, the likelihood is that with noise levels as large as the
     errors, component by component. That tells the side; what varies between samples it hardly does, and where
     commands jump beside others that do not, each is taken for what it looks like. What is taken ``now`` stays
-    unless another is clearly better. The problem's sensors are as they are at the point.
+    unless another is clearly better; in such a second look, ways far behind over the first samples go no
+    further. The problem's sensors are as they are at the point.
     """
     choices = timings(problem.recording)
     if len(choices) == 1:
         return choices[0]
-    model = point.model()
+    model, data, left, likely = point.model(), problem.data, np.inf, dict[Timing, float]()
+    if now is not None:
+        some = replace(problem, data=data.first(-(-len(data.times) // FIRST)))
+        left, likely = _likelihoods(model, some, choices)
+    ahead = [t for t in likely if likely[t] > max(likely.values()) - BEHIND]
+    if left > FOLLOWED or len(ahead) > 1:
+        left, likely = _likelihoods(model, problem, ahead if left <= FOLLOWED else choices)
+    if not likely:  # lost: the search says what is wrong; commands are taken for what they look like
+        return now or next((t for t in choices if t.hold == "jumps"), choices[0])
+    best = max(likely, key=lambda t: likely[t])
+    both = Timing("jumps", best.side)
+    if left > MISFIT and both in likely:
+        return both
+    return now if now in likely and likely[best] - likely[now] < CLEARLY else best
+
+
+def _likelihoods(
+    model: SpacecraftModel, problem: Problem, choices: Sequence[Timing]
+) -> tuple[float, dict[Timing, float]]:
+    """Return what a model leaves at best, in noise, and how likely it is with commands as in each choice."""
     runs: dict[Timing, FilterRun] = {}
     for timing in choices:
         try:
             runs[timing] = run_filter(model, replace(problem, timing=timing))
         except SimulationError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
-    if not runs:  # lost: the search says what is wrong; commands are taken for what they look like
-        return now or next((t for t in choices if t.hold == "jumps"), choices[0])
-    follows = min(normalised_rmse(r) for r in runs.values()) <= MISFIT
-    likely = {t: _after_the_first(r) if follows else _with_own_levels(r) for t, r in runs.items()}
+    left = min((normalised_rmse(r) for r in runs.values()), default=np.inf)
+    likely = {t: _after_the_first(r) if left <= MISFIT else _with_own_levels(r) for t, r in runs.items()}
     LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in likely.items()))
-    best = max(likely, key=lambda t: likely[t])
-    both = Timing("jumps", best.side)
-    if not follows and both in likely:
-        return both
-    return now if now in likely and likely[best] - likely[now] < CLEARLY else best
+    return left, likely
 
 
 def _after_the_first(run: FilterRun) -> float:

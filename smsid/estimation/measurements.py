@@ -138,7 +138,13 @@ class Measured:
         every = int(np.ceil(1.0 / (1.1 * rate * float(np.median(np.diff(self.times))))))
         if every <= 1:
             return self
-        k = slice(None, None, every)
+        return self._only(slice(None, None, every))
+
+    def first(self, count: int) -> Measured:
+        """Return the first samples, so many."""
+        return self._only(slice(count))
+
+    def _only(self, k: slice) -> Measured:
         attitude = {name: q[k] for name, q in self.attitude.items()}
         return replace(self, times=self.times[k], values=self.values[k], attitude=attitude)
 

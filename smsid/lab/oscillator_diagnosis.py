@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from smsid.arm.regression import Projection
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Remaining, Value
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.whitening import robust_p_value
 from smsid.diagnose.validation import ChannelGain, Gain
-from smsid.diagnose.verdict import POWER, describe
+from smsid.diagnose.verdict import describe
 from smsid.lab.oscillator import TERMS, Oscillator, OscillatorFit, fit_oscillator, sensitivities
 
 LOGGER = logging.getLogger(__name__)
@@ -117,7 +118,7 @@ def diagnose_oscillator(
         )
     else:
         sentence = f"The linear oscillator lacks {words}." if named else "A linear oscillator explains it."
-    needed = float(norm.isf(LEVEL / tried / 2) + norm.isf(1.0 - POWER))
+    needed = replace(THRESHOLDS, candidate=LEVEL).detectable(tried)
     result = Diagnosis(
         description=name,
         recordings=(name,),

@@ -75,7 +75,7 @@ def test_a_cause_pays_for_all_that_were_tried(monkeypatch, tried, named):
     ratio = float(chi2.isf(1e-3, 1))
     run = SimpleNamespace(samples=1000)
     found = SimpleNamespace(objective=0.0, run=run, unknowns=())
-    monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s: found)
+    monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: found)
     monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 1e3)
     current = SimpleNamespace(objective=0.5 * ratio, run=run, unknowns=())
     best = score(ratio, 1)

@@ -199,27 +199,17 @@ def test_an_onset_that_pays_stays_beside_one_that_does_not(monkeypatch):
     """Together they would be dropped for less than two onsets cost."""
 
     def stand_in(start):
-        effect = Backed(start)
-        own = SimpleNamespace(key=("effect", start), effect=effect)
+        own = SimpleNamespace(key=("effect", start), effect=SimpleNamespace(start=start), start=start)
         return Cause(SimpleNamespace(candidate=own), (), 100.0, ())
 
-    class Backed:
-        def __init__(self, start):
-            self.start = start
-
     def drop(found, score, alias):
-        if score.candidate.effect.start == 5.0:
-            return score, found
-        return SimpleNamespace(candidate=SimpleNamespace(key=(), effect=Backed(None))), "without"
+        return (score, found) if score.candidate.start == 5.0 else (stand_in(None).score, "without")
 
     def never(*_):
         raise AssertionError("one is left: there is nothing to drop together")
 
     monkeypatch.setattr("smsid.diagnose.forward_step.always", drop)
     monkeypatch.setattr("smsid.diagnose.forward_step.always_together", never)
-    monkeypatch.setattr(
-        "smsid.diagnose.forward_step.begins_midway", lambda s: s.candidate.effect.start is not None
-    )
     causes, found = drop_onset([stand_in(5.0), stand_in(9.0)], "with", DetectionThresholds())
     assert [c.score.candidate.effect.start for c in causes] == [5.0, None] and found == "without"
 

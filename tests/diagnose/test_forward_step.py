@@ -71,7 +71,8 @@ def world(monkeypatch):
                 candidate=c,
                 ratio=20.0 * order[c.key],
                 freedom=1,
-                p_value=1e-12,
+                p_value=asked.chances.get(c.key, 1e-12),
+                excited=asked.excited,
                 another=None,
                 columns=asked.takes.get(c.key, order[c.key]),
                 estimate=None,
@@ -97,7 +98,7 @@ def world(monkeypatch):
         asked.stepped.append(fit.name)
         return fit
 
-    asked.instead, asked.takes = None, {}
+    asked.instead, asked.takes, asked.chances, asked.excited, asked.moved = None, {}, {}, 0.5, 1.0
     monkeypatch.setattr(Fitted, "explained", lambda fitted, columns, estimate: columns)
     for name, stub in {
         "signatures": signatures,
@@ -116,6 +117,7 @@ def world(monkeypatch):
         "in_one_recording": lambda fit, scores, *_: scores,
         "drop_onset": lambda causes, fit, levels: (list(causes), fit),
         "with_further": lambda *_: None,
+        "squared_distance": lambda *_: asked.moved,
     }.items():
         monkeypatch.setattr(rounds, name, stub)
     fitted = Fitted(at("nominal"), np.ones(1), misfit=True)
@@ -152,6 +154,23 @@ def test_while_misfit_is_counted_nothing_is_weighed_and_what_was_in_vain_stays_o
     assert state.forward_step() and state.forward_step()
     assert asked.recompute_evidence == [] and asked.stepped == [] and state.causes[0].ratio == 30.0
     assert asked.scored[-1] == ("with found", {OTHER: "with found"})
+
+
+@pytest.mark.parametrize(
+    ("chance", "excited", "again"), [(0.4, 0.5, False), (1e-3, 0.5, True), (0.4, 1e-5, True)]
+)
+def test_beside_a_cause_what_explains_nothing_keeps_its_signature(world, chance, excited, again):
+    """It is taken again where that of the motion before explains something, or where what is left of it
+    beside the nominal parameters is no more than what the motion changed (a payload beside a link's mass).
+    """
+    _, asked = world
+    state = State(
+        Fitted(asked.at("nominal"), np.ones(1)), [candidate(k) for k in (FOUND, OTHER)], DetectionThresholds()
+    )
+    asked.chances, asked.excited, asked.moved = {OTHER: chance}, excited, 1e-6
+    assert state.forward_step() and len(state.causes) == 1
+    assert {s.candidate.key for s in state.scores} == {OTHER}
+    assert asked.scored[-1] == ("with found", {OTHER: "with found"} if again else {})
 
 
 @pytest.mark.parametrize("finer", [True, False])
@@ -288,3 +307,13 @@ def test_causes_that_share_an_effect_begin_together(known, plain):
         plain, point=plain.point.with_effect(first.effect.model_copy(update={"start": 20.0}))
     )
     assert state._as_begun(causes[1:], found)[0].score.candidate.effect.start is None
+
+
+def test_how_far_two_motions_are_apart():
+    """By the coordinate that moved most for its size; others of a model with more coordinates are all new."""
+    one = np.array([[1.0, 10.0, 0.0], [-1.0, -10.0, 0.0]])
+    run, moved, larger = (
+        SimpleNamespace(states=SimpleNamespace(a=a)) for a in (one, one * [1.1, 1.01, 1.0], np.zeros((2, 4)))
+    )
+    assert rounds.squared_distance(run, moved) == pytest.approx(0.01)
+    assert rounds.squared_distance(run, run) == 0.0 and rounds.squared_distance(run, larger) == 1.0

@@ -245,15 +245,20 @@ def test_what_is_there_all_the_time_is_tried_beside_what_begins(monkeypatch):
     fits = {
         x: SimpleNamespace(objective=o, run=run, unknowns=()) for x, o in (("joint1", 500.0), ("joint2", 0.0))
     }
-    monkeypatch.setattr(
-        "smsid.diagnose.model_comparison.refit", lambda current, s: fits[s.candidate.location]
-    )
+    limits = []
+
+    def refit(current, s, at_most):
+        limits.append(at_most)
+        return fits[s.candidate.location]
+
+    monkeypatch.setattr("smsid.diagnose.model_comparison.refit", refit)
     monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 1e3)
     current = SimpleNamespace(objective=3000.0, run=run, unknowns=())
     cause, found = accept(current, begun, [begun, still], DetectionThresholds(), 60)
     assert cause.score is still
     assert found is fits["joint2"]
     assert cause.ratio == pytest.approx(6000.0)
+    assert limits[0] == np.inf and 525.0 < limits[1] < 600.0  # what ends far above the first is given up
 
 
 @pytest.mark.parametrize(
@@ -281,7 +286,7 @@ def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, like
         id(s): SimpleNamespace(objective=-0.5 * s.ratio, run=run, unknowns=freed[id(s)])
         for s in (winner, rival)
     }
-    monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s: fits[id(s)])
+    monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: fits[id(s)])
     monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 1e3)
     current = SimpleNamespace(objective=0.0, run=run, unknowns=())
     cause, _ = accept(current, winner, [winner, rival], DetectionThresholds(), 60)

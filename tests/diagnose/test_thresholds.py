@@ -7,18 +7,19 @@ from pathlib import Path
 import pytest
 
 from smsid.diagnose.model_comparison import DetectionThresholds
-from smsid.diagnose.thresholds import BEGIN, END, THRESHOLDS, Thresholds, thresholds_reference
+from smsid.diagnose.thresholds import BEGIN, END, THRESHOLDS, thresholds_reference
 from smsid.diagnose.torque.search import LEVELS
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_every_threshold_is_told_and_used_once_at_least():
-    used: set[str] = set()
-    for path in (ROOT / "smsid" / "diagnose").rglob("*.py"):
-        used |= set(re.findall(r"THRESHOLDS\.(\w+)", path.read_text(encoding="utf-8")))
-    assert used == {f.name for f in fields(Thresholds)}
-    for f in fields(Thresholds):
+    files = (ROOT / "smsid" / "diagnose").rglob("*.py")
+    text = "\n".join(path.read_text(encoding="utf-8") for path in files)
+    names = {f.name for f in fields(DetectionThresholds)}
+    assert names <= set(re.findall(r"(?:THRESHOLDS|LEVELS|levels|_asked|asked|self)\.(\w+)", text))
+    assert set(re.findall(r"THRESHOLDS\.(\w+)", text)) <= {*names, "beside_a_cause"}
+    for f in fields(DetectionThresholds):
         assert all(f.metadata[k] for k in ("unit", "reason", "calibrated")), f.name
 
 
@@ -28,8 +29,9 @@ def test_nobody_changes_them_on_the_way():
 
 
 def test_levels_are_those_of_the_table():
-    assert DetectionThresholds().candidate == THRESHOLDS.candidate == 0.003
+    assert DetectionThresholds() == THRESHOLDS and THRESHOLDS.candidate == 0.003
     assert LEVELS.block == THRESHOLDS.torque_block == 0.001
+    assert THRESHOLDS.beside_a_cause.candidate == THRESHOLDS.further < THRESHOLDS.candidate
 
 
 def test_the_docs_have_the_table():

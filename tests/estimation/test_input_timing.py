@@ -8,6 +8,7 @@ import pytest
 from smsid.effects import ThrusterGain
 from smsid.estimation.input_hold import curved, locked
 from smsid.estimation.input_timing import timing_of, timings
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.recording import Recording
@@ -61,3 +62,27 @@ def test_slow_samples_of_what_varies_are_a_smooth_course(known, recording):
 def test_what_jumps_is_not_smooth(thrust):
     slow = {c: thrust[c][::20] for c in ("command.force", "command.torque")}
     assert not curved(slow)
+
+
+def test_ways_far_behind_over_the_first_samples_go_no_further(known, problem, monkeypatch):
+    """The recording is filtered whole only where two ways are near each other."""
+    lengths = []
+
+    def counted(model, one):
+        lengths.append(len(one.data.times))
+        return run_filter(model, one)
+
+    plain = replace(problem, recording=problem.recording.with_provenance({}))
+    monkeypatch.setattr("smsid.estimation.input_timing.run_filter", counted)
+    monkeypatch.setattr("smsid.estimation.input_timing.BEHIND", np.inf)
+    every = timing_of(known.point, plain, Timing())
+    assert lengths.count(len(problem.data.times)) == len(timings(plain.recording)) > 1
+    monkeypatch.undo()
+    lengths.clear()
+    monkeypatch.setattr("smsid.estimation.input_timing.run_filter", counted)
+    assert timing_of(known.point, plain, Timing()) == every
+    assert len(lengths) > 1 and max(lengths) < len(problem.data.times) / 3
+    lengths.clear()
+    quiet = replace(plain, data=plain.data.scaled(np.full(plain.data.rows, 0.2)))
+    timing_of(known.point, quiet, Timing())
+    assert max(lengths) == len(problem.data.times)  # what is not followed to its noise tells nothing early

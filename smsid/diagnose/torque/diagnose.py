@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import norm
 
 from smsid.description import Description
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Value, Verdict
@@ -19,16 +18,14 @@ from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, extended_description, links_known, prior_of
 from smsid.diagnose.torque.search import LEVELS, TorqueCause, TorqueSearch, search_torques
 from smsid.diagnose.validation import ChannelGain, Gain
-from smsid.diagnose.verdict import POWER, alias, describe, is_sibling, tested
+from smsid.diagnose.verdict import alias, describe, is_sibling, tested
 from smsid.effects.friction import frictions_of
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
-SHORTEST = THRESHOLDS.shortest
 """Instants below which nothing is said."""
 
-FOREIGN = THRESHOLDS.torque_foreign
 """Share of the torque left with every cause in, above which the recording is not this arm's."""
 
 
@@ -69,9 +66,9 @@ def diagnose_torques(
     together = ", ".join(r.name for r in recordings)
     equations = torque_equations(description, recordings, cutoff=cutoff)
     require_excitation(equations, together)
-    if len(equations.time) < SHORTEST:
+    if len(equations.time) < THRESHOLDS.shortest:
         raise RecordingError(
-            f"'{together}' gives {len(equations.time)} instants; a diagnosis needs {SHORTEST}.",
+            f"'{together}' gives {len(equations.time)} instants; a diagnosis needs {THRESHOLDS.shortest}.",
             advice="Record longer, or raise the cutoff.",
         )
     prior, stated, notes = prior_of(equations, estimate)
@@ -81,7 +78,7 @@ def diagnose_torques(
     if not found.scores and not found.causes:
         raise RecordingError(f"'{together}' excites no candidate at all.", advice="Move the joints.")
     left_over = float(np.linalg.norm(last.residual) / np.linalg.norm(last.equations.torque))
-    if left_over > FOREIGN:
+    if left_over > THRESHOLDS.torque_foreign:
         raise RecordingError(
             f"Even with everything refitted, {100 * left_over:.0f} % of the torque is left unexplained.",
             advice="Is it of another arm? `smsid inspect --description` looks for turned signs and currents.",
@@ -190,7 +187,7 @@ def _verdict(
 
 def torque_limits(found: TorqueSearch) -> tuple[Limit, ...]:
     """Return the detection limits of the candidates that were not named: 95 % power, nuisances free."""
-    needed = float(norm.isf(LEVELS.candidate / max(found.candidates, 1) / 2) + norm.isf(1.0 - POWER))
+    needed = LEVELS.detectable(found.candidates)
     out, seen = [], set()
     for s in found.scores:
         c = s.candidate

@@ -12,7 +12,6 @@ from smsid.diagnose.torque.candidates import TorqueCandidate
 from smsid.diagnose.torque.fit import TorqueFit
 from smsid.diagnose.torque.whitening import robust_p_value
 
-EXCITED = THRESHOLDS.torque_excited
 """Share of a column's information that must be left beside what is fitted already."""
 
 ROUNDING = 1e-11
@@ -183,7 +182,7 @@ def _projected(
         size = float(rest @ rest)
         # what a prior keeps from moving is not poorly excited
         by_prior = float(rest[rows:] @ rest[rows:]) > 0.5 * size
-        if raw[i] > 0.0 and size > (ROUNDING if by_prior else EXCITED) * raw[i]:
+        if raw[i] > 0.0 and size > (ROUNDING if by_prior else THRESHOLDS.torque_excited) * raw[i]:
             used.append(i)
             basis = np.column_stack([basis, rest / np.sqrt(size)])
     if not used:

@@ -1,0 +1,68 @@
+"""A strong cause beside a structure that does not move as described: neither is followed by itself."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose import stepwise
+from smsid.diagnose.model_comparison import DetectionThresholds
+from smsid.diagnose.strong_causes import Coarse
+from smsid.errors import RecordingError
+
+PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.acceleration"))
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What strong causes were sought in, and among which candidates; the whole is not followed with any."""
+    asked = SimpleNamespace(seen=[], follows="without panel")
+    fit = SimpleNamespace(run=None)
+
+    def coarse(point, problem, unknowns, candidates):
+        asked.seen.append((problem.name, list(candidates)))
+        return Coarse("nominal", fit, "cause") if problem.name == asked.follows else None
+
+    def unknown(found, problem):
+        for place in ("tank", "panel"):
+            yield place, SimpleNamespace(name=f"without {place}", data=problem.data)
+
+    def levels(found):
+        asked.fitted = found
+        return found
+
+    for name, stub in {
+        "first_fit": lambda *_: SimpleNamespace(fit=fit, misfit=True, alone=False, by_channel={}),
+        "normalised_rmse": lambda *_: 1e3,
+        "_is_local": lambda _: False,
+        "unexplained_fraction": lambda *_: 2.0,
+        "coarse_cause": coarse,
+        "unknown_structures": unknown,
+        "with_levels": levels,
+        "State": lambda fitted, candidates, *_, **known: (fitted.unknown, candidates, known),
+    }.items():
+        monkeypatch.setattr(stepwise, name, stub)
+    return asked
+
+
+def begun():
+    data, recording = SimpleNamespace(rows=1), SimpleNamespace(name="recording")
+    problem = SimpleNamespace(name="whole", data=data, recording=recording)
+    return stepwise._begun(SimpleNamespace(), problem, (), [PAYLOAD, SCALE], DetectionThresholds())
+
+
+def test_what_nothing_follows_is_tried_with_each_structure_unknown(asked):
+    """A payload of 10 kg in the craft whose panel is a chain: a scale of the panel's sensor led, in vain."""
+    unknown, candidates, known = begun()
+    assert unknown == "panel" and candidates == [PAYLOAD, SCALE]
+    assert known == {"known": "cause", "nominal": "nominal"}
+    assert [name for name, _ in asked.seen] == ["whole", "without tank", "without panel"]
+    assert asked.seen[0][1] == [PAYLOAD, SCALE] and asked.seen[2][1] == [PAYLOAD]
+    np.testing.assert_array_equal(asked.fitted.factors, [1.0])
+
+
+def test_what_is_not_followed_with_any_structure_unknown_is_refused(asked):
+    asked.follows = "nothing"
+    with pytest.raises(RecordingError, match="worse than no motion"):
+        begun()
+    assert len(asked.seen) == 3
