@@ -44,9 +44,18 @@ def verdict(history: TrackHistory) -> tuple[str, Tone]:
     late = history.fit[len(history.fit) // 4 :]
     rms = np.sqrt(np.nanmean(late**2, axis=0))
     low, high = RIGHT
-    off = [f"{c} ({x:.2g})" for c, x in zip(history.channels, rms, strict=True) if not low < x < high]
-    if off:
-        return f"Innovations are not those of the stated noise: {', '.join(off)}; one is right.", "warn"
+    loud, quiet = (
+        [f"{c} ({x:.2g})" for c, x in zip(history.channels, rms, strict=True) if beyond(x)]
+        for beyond in (lambda x: x >= high, lambda x: x <= low)
+    )
+    if loud:
+        return f"Innovations are larger than expected: {', '.join(loud)}; one is right.", "warn"
+    if quiet:
+        held = (
+            "Innovations are no larger than expected: the model holds with parameters as followed. Small in "
+        )
+        wide = "one is right: noise, or what torques nobody measured may be, is stated wide."
+        return f"{held}{', '.join(quiet)}; {wide}", "good"
     return "Innovations are those of the stated noise: the model holds with parameters as followed.", "good"
 
 
