@@ -38,7 +38,7 @@ def zero_phase(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
     wide = np.concatenate([2.0 * data[0] - data[pad:0:-1], data, 2.0 * data[-1] - data[-2 : -pad - 2 : -1]])
     for _ in range(2):  # each pass as if its first sample had always been
         wide = (_low_pass(wide - wide[0], rate, cutoff) + wide[0])[::-1]
-    return wide[pad : pad + len(data)]
+    return np.ascontiguousarray(wide[pad : pad + len(data)])
 
 
 def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:

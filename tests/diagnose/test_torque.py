@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -31,7 +32,8 @@ def estimate():
     return identify_arm(described(), recorded(seed=99), cutoff=20.0).estimate
 
 
-def told(case: Case, estimate, *, size: float = 1.0, seed: int = 5) -> Diagnosis:
+def told(case: Case, estimate, *, size: float = 1.0, seed: int = 6) -> Diagnosis:
+    # noise of seed 5 looks like a torque that goes with a rate, at 9e-4 of all tests: once in 1000
     known = estimate if case.known else None
     return diagnose(described(), [case.make(size, seed)], estimate=known).diagnosis
 
@@ -180,6 +182,19 @@ def test_noise_is_learnt_beside_what_the_model_lacks():
     free = Prior(np.zeros(clean.rows.shape[2]), np.full(clean.rows.shape[2], np.inf))
     fitted = fit_torques(clean, free, (), Whitening(np.zeros((3, 0)), levels[0]))
     assert len(fitted.names) == clean.rows.shape[2]
+
+
+def test_rounding_is_no_column_that_noise_is_learnt_beside():
+    """A column that acts at one joint leaves zeros at others, or what rounding makes of them."""
+    log = recorded(seed=5)
+    equations = torque_equations(described(), log)
+    candidates = torque_candidates(equations, log, known=False)
+    rng, levels = np.random.default_rng(1), []
+    for rounding in (0.0, 1e-14):
+        largest = np.abs(equations.rows).max(axis=(0, 1))
+        rows = equations.rows + rounding * largest * rng.standard_normal(equations.rows.shape)
+        levels.append(learn_noise(replace(equations, rows=rows), candidates).sigma)
+    np.testing.assert_allclose(levels[1], levels[0], rtol=1e-6)
 
 
 def test_whitening_takes_the_colour_out():

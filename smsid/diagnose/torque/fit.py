@@ -15,6 +15,7 @@ from smsid.effects.base import Effect
 ROUNDS = 3
 RANK = 1e-9
 RANK_OF_NOISE = 1e-6
+ROUNDED = 1e-9  # share of its largest at any joint below which a column does nothing at one
 FLOOR = 1e-9
 """Noise is taken to be no less than this share of a joint's torque: of a simulation without any."""
 
@@ -127,8 +128,10 @@ def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate
         columns = [c.columns(equations, load) for c in chosen]
         design = np.concatenate([equations.rows, *(equations.filtered(c) for c in columns)], axis=2)
         residual, ranks = np.empty_like(equations.torque), []
+        size = np.linalg.norm(design, axis=0)
+        acts = size > ROUNDED * size.max(axis=0)  # at other joints a column may be what rounding leaves
         for j in range(joints):
-            own = design[:, j][:, np.any(design[:, j] != 0.0, axis=0)]
+            own = design[:, j][:, acts[j]]
             u, singular, _ = np.linalg.svd(own / np.linalg.norm(own, axis=0), full_matrices=False)
             u = u[:, singular > RANK_OF_NOISE * singular.max(initial=0.0)]
             residual[:, j] = equations.torque[:, j] - u @ (u.T @ equations.torque[:, j])
