@@ -23,7 +23,7 @@ from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 LOGGER = logging.getLogger(__name__)
 ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
 TRIES = 6  # steps that are tried from one point, each shorter than the last
-STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last, or a small one
+STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 AMPLE = 1.1  # share of the predicted gain within which a fit may still reach what it has to
 PATIENCE = 4  # steps after which it has to be there
 AGAIN = 1e-4  # share of a column's squares below which what is left is projected once more
@@ -186,9 +186,9 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_mos
         if better is None:
             break
         LOGGER.info("objective %.2f -> %.2f (predicted gain %.2f)", found.objective, better.objective, gain)
-        gained = found.objective - better.objective
-        stalled, found = stalled + 1 if gained < STALLED * gain else 0, better
-        if stalled == 2 or (stalled and gained < enough):
+        stalled = stalled + 1 if found.objective - better.objective < STALLED * gain else 0
+        found = better
+        if stalled == 2:
             break
     return found
 
