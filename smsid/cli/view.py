@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,7 +22,10 @@ def view_command(
     description: DescriptionPath,
     recordings: Annotated[
         list[Path] | None,
-        typer.Argument(help="recordings to replay: the first as it is, others with it; without: at rest"),
+        typer.Argument(
+            help="recordings to replay, or what `smsid track` wrote: the first as it is, others with it; "
+            "without: at rest"
+        ),
     ] = None,
     output: Annotated[
         Path,
@@ -62,6 +66,7 @@ def view_command(
 ) -> Outcome:
     """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, a film, or live (extra: view)."""
     from smsid.description import load_description
+    from smsid.tracking.history import load_history
     from smsid.view import Look, played, show, write_view
 
     if layout != "ghost" and layout != "beside":
@@ -73,7 +78,8 @@ def view_command(
     with working("drawing"):
         described, paths = load_description(description), recordings or []
         how = {"simulated": simulated, "layout": layout, "look": look, "fps": fps, "speed": speed}
-        view = played(described, read_recordings(paths), file_names(paths), **how)  # type: ignore[arg-type]
+        motions = [load_history(p) if _is_track(p) else read_recordings([p])[0] for p in paths]
+        view = played(described, motions, file_names(paths), **how)  # type: ignore[arg-type]
     if live:
         with working("drawing"):
             shown = show(view, host=host)
@@ -89,6 +95,14 @@ def view_command(
     for note in view.notes:
         say(f"note: {note}")
     return Outcome({"notes": list(view.notes)}, [output])
+
+
+def _is_track(path: Path) -> bool:
+    from smsid.cli.file_kind import kind_of
+
+    with suppress(SmsidError):  # what is wrong with a recording is said when it is read
+        return kind_of(path) == "track"
+    return False
 
 
 def file_names(paths: Sequence[Path]) -> list[str]:

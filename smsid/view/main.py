@@ -17,18 +17,20 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs, Trajectory, simulate
+from smsid.tracking.history import TrackHistory
 from smsid.view.export import export_html
 from smsid.view.look import Look
 from smsid.view.motion import motion_of
 from smsid.view.recorded import channel, measured_samples
 from smsid.view.replay import Layout, Replay, replay
 from smsid.view.scene import Scene, build_scene
+from smsid.view.tracked import tracked_states
 from smsid.view.video import export_video, is_film
 
 
 def played(
     description: Description,
-    recordings: Sequence[Recording] = (),
+    recordings: Sequence[Recording | TrackHistory] = (),
     names: Sequence[str] = (),
     *,
     simulated: bool = False,
@@ -41,7 +43,8 @@ def played(
 
     Args:
         description: of the spacecraft.
-        recordings: the first is drawn as it is, the others with it, by ``layout``.
+        recordings: the first is drawn as it is, the others with it, by ``layout``; of a track the motion that
+            was believed, with slosh and bending.
         names: of the recordings; their own if left out.
         simulated: also what the description makes of the first recording's commands.
         layout: ``ghost`` lays the others over the first, ``beside`` puts them next to it.
@@ -51,7 +54,8 @@ def played(
 
     Raises:
         DescriptionError: the description cannot be used.
-        RecordingError: a recording tells nothing of the motion or of what drove it.
+        RecordingError: a recording tells nothing of the motion or of what drove it; a track is of another
+            spacecraft.
         SimulationError: what it was driven by cannot be simulated.
         SmsidError: ``simulated`` without a recording.
     """
@@ -60,13 +64,18 @@ def played(
         if simulated:
             raise SmsidError("There is no recording whose commands to fly.", advice="Give one.")
         return build_scene(model, look=look)
-    names = names or [r.name or f"recording {k}" for k, r in enumerate(recordings, start=1)]
-    beside: list = list(zip(names[1:], recordings[1:], strict=True))
+    first = recordings[0]
+    named = [(r.name if isinstance(r, Recording) else "tracked") for r in recordings]
+    names = names or [n or f"recording {k}" for k, n in enumerate(named, start=1)]
+    motions = [r if isinstance(r, Recording) else tracked_states(model, r) for r in recordings]
+    beside: list = list(zip(names[1:], motions[1:], strict=True))
     if simulated:
-        beside.append(("simulated", simulated_twin(model, recordings[0])))
+        if not isinstance(first, Recording):
+            raise SmsidError("A track has no commands to fly.", advice="Give a recording first.")
+        beside.append(("simulated", simulated_twin(model, first)))
     label = f"measured: {names[0]}" if simulated else names[0]
     return replay(
-        model, recordings[0], beside=beside, label=label, layout=layout, look=look, fps=fps, speed=speed
+        model, motions[0], beside=beside, label=label, layout=layout, look=look, fps=fps, speed=speed
     )
 
 
