@@ -141,7 +141,7 @@ def _identify(
             found, more = maximise(better.point, unknowns, flights, tell=tell)
             visited += more
     else:
-        raise _restless(flights)
+        raise _restless(flights, fit_quality(found))
     disagree = contradictions(found, rows[:own], quality.widening)
     scale, untold = scale_conflict(found, flights, quality.widening)
     conflicts = [c.sentence for c in (quality.conflict, scale) if c is not None]
