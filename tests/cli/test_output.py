@@ -176,7 +176,7 @@ def calls() -> dict[str, Callable[[str], list[str]]]:
 
 
 TAKES = {
-    "view": {"exp2.nc"},
+    "view": {"exp2.nc", "track.nc"},
     "inspect": {"exp2.nc", "track.nc"},
     "check": {"craft.toml"},
     "regressor": {"craft.toml"},
