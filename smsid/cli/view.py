@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -16,6 +16,9 @@ from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say, working
 from smsid.cli.places import PAGE, Writes
 from smsid.errors import SmsidError
+
+if TYPE_CHECKING:
+    from smsid.tracking.history import TrackHistory
 
 
 def view_command(
@@ -66,7 +69,6 @@ def view_command(
 ) -> Outcome:
     """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, a film, or live (extra: view)."""
     from smsid.description import load_description
-    from smsid.tracking.history import load_history
     from smsid.view import Look, played, show, write_view
 
     if layout != "ghost" and layout != "beside":
@@ -78,7 +80,7 @@ def view_command(
     with working("drawing"):
         described, paths = load_description(description), recordings or []
         how = {"simulated": simulated, "layout": layout, "look": look, "fps": fps, "speed": speed}
-        motions = [load_history(p) if _is_track(p) else read_recordings([p])[0] for p in paths]
+        motions = [_load_track(p) if _is_track(p) else read_recordings([p])[0] for p in paths]
         view = played(described, motions, file_names(paths), **how)  # type: ignore[arg-type]
     if live:
         with working("drawing"):
@@ -95,6 +97,12 @@ def view_command(
     for note in view.notes:
         say(f"note: {note}")
     return Outcome({"notes": list(view.notes)}, [output])
+
+
+def _load_track(path: Path) -> TrackHistory:
+    from smsid.tracking.history import load_history  # the tracker takes time to load
+
+    return load_history(path)
 
 
 def _is_track(path: Path) -> bool:

@@ -83,6 +83,8 @@ class ExtraInertia:
     and acceleration A of the body: ``J' (I A + V x* I V)``.
     """
 
+    of_a_body = True  # what is solved with bodies may take it as part of that of its ``joint``
+
     def __init__(
         self, model: pin.Model, joint: int, parameters: Callable[[float], np.ndarray | None]
     ) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.spatial import ExtraInertia
 from smsid.inputs.inputs import Inputs
 from smsid.inputs.signals import Signal
 from smsid.kernel.arrays import Kernel, arrays_of
@@ -37,12 +37,12 @@ class ProcessModel:
         self.model = model
         self.pin = model.pin.copy()
         self.pin.armature[locked] += LOCK
-        self._growing: list[tuple[ExtraInertia, np.ndarray]] = []
+        self._growing: list[tuple[Any, np.ndarray]] = []
         if model.inertial is not None:  # it is to solve with what is held still
             terms = model.inertial.terms
-            bodies = [x for x in terms if isinstance(x, ExtraInertia)]  # faster as part of the body
+            bodies: list[Any] = [x for x in terms if getattr(x, "of_a_body", False)]  # faster as part of it
             self._growing = [(x, dynamic_parameters(self.pin.inertias[x.joint])) for x in bodies]
-            rest = [x for x in terms if not isinstance(x, ExtraInertia)]
+            rest = [x for x in terms if x not in bodies]
             bound = bool(rest) or model.followers is not None
             held = InertialForces(self.pin, rest, model.followers) if bound else None
             forces = model.forces[:-1] if held is None else (*model.forces[:-1], held)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+import scipy  # loads a part of it when that is used
 
 from smsid.errors import NotIdentifiableError
 
@@ -41,16 +40,17 @@ def decimate(x: np.ndarray, rate: float, factor: int) -> tuple[np.ndarray, float
             samples=len(x),
             taps=taps,
         )
-    kaiser = np.kaiser(taps, 0.1102 * (ATTENUATION - 8.7))
+    kaiser = np.kaiser(taps, scipy.signal.kaiser_beta(ATTENUATION))
     cutoff = (1 + PASS_SHARE) / 2 / factor
     window = cutoff * np.sinc(cutoff * (np.arange(taps) - taps // 2)) * kaiser
     window /= window.sum()
-    slow = [np.convolve(own, window, mode="valid")[::factor] for own in x.T]
-    return np.column_stack(slow), rate / factor
+    slow = scipy.signal.oaconvolve(x, window[:, None], mode="valid", axes=0)
+    return np.asarray(slow)[::factor], rate / factor
 
 
 def filter_length(factor: int) -> int:
     """Number of taps of the filter of `decimate`; odd."""
     if factor == 1:
         return 1
-    return math.ceil((ATTENUATION - 7.95) / (2.285 * math.pi * (1 - PASS_SHARE) / factor) + 1) | 1
+    taps, _ = scipy.signal.kaiserord(ATTENUATION, (1 - PASS_SHARE) / factor)
+    return int(taps) | 1

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from smsid.description import Description
 from smsid.errors import RecordingError, SmsidError
@@ -17,15 +18,17 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.simulate import Inputs, Trajectory, simulate
-from smsid.tracking.history import TrackHistory
 from smsid.view.export import export_html
 from smsid.view.look import Look
 from smsid.view.motion import motion_of
 from smsid.view.recorded import channel, measured_samples
 from smsid.view.replay import Layout, Replay, replay
 from smsid.view.scene import Scene, build_scene
-from smsid.view.tracked import tracked_states
 from smsid.view.video import export_video, is_film
+
+if TYPE_CHECKING:
+    from smsid.simulate import States
+    from smsid.tracking.history import TrackHistory
 
 
 def played(
@@ -67,7 +70,7 @@ def played(
     first = recordings[0]
     named = [(r.name if isinstance(r, Recording) else "tracked") for r in recordings]
     names = names or [n or f"recording {k}" for k, n in enumerate(named, start=1)]
-    motions = [r if isinstance(r, Recording) else tracked_states(model, r) for r in recordings]
+    motions = [r if isinstance(r, Recording) else _tracked(model, r) for r in recordings]
     beside: list = list(zip(names[1:], motions[1:], strict=True))
     if simulated:
         if not isinstance(first, Recording):
@@ -77,6 +80,12 @@ def played(
     return replay(
         model, motions[0], beside=beside, label=label, layout=layout, look=look, fps=fps, speed=speed
     )
+
+
+def _tracked(model: SpacecraftModel, history: TrackHistory) -> States:
+    from smsid.view.tracked import tracked_states  # the tracker takes time to load
+
+    return tracked_states(model, history)
 
 
 def write_view(

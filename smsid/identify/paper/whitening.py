@@ -11,8 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-
-from smsid.sensing._signals import recursive_filter
+import scipy  # loads a part of it when that is used
 
 LEAST_DAMPING = 0.01  # damping ratio the filter is given at least: the estimate's may be negative
 
@@ -43,16 +42,16 @@ def whiten(x: np.ndarray, step: float, sections: Sequence[Section]) -> np.ndarra
         lever = 0.5 * step * (beta + 0.5 * kappa * step)
         second = -lever / (1.0 + lever)  # of a unit first sample: the trapezoid starts at zero there
         start = np.array([1.0 - b[0], second - b[1] + a[1]])
-        y = recursive_filter(b, a, y, start.reshape(2, *(1,) * (y.ndim - 1)) * y[:1])
+        y = scipy.signal.lfilter(b, a, y, axis=0, zi=start.reshape(2, *(1,) * (y.ndim - 1)) * y[:1])[0]
     return y
 
 
 def whiten_transposed(rows: np.ndarray, step: float, sections: Sequence[Section]) -> np.ndarray:
     """Apply the transpose of `whiten` to rows (n, N); exact but for the first sample, of order ``step``."""
-    y = rows[:, ::-1].T
+    y = rows[:, ::-1]
     for beta, kappa in sections:
-        y = recursive_filter(*_coefficients(beta, kappa, step), y)
-    return y.T[:, ::-1]
+        y = np.asarray(scipy.signal.lfilter(*_coefficients(beta, kappa, step), y, axis=1))
+    return y[:, ::-1]
 
 
 def _coefficients(beta: float, kappa: float, step: float) -> tuple[np.ndarray, np.ndarray]:
