@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy  # loads a part of it when that is used
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.linalg import lapack
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import RecordingError
@@ -44,26 +44,11 @@ def gauss_markov(
     keep = np.exp(-np.diff(times) / correlation_time)
     innovation = np.sqrt(-np.expm1(-2.0 * np.diff(times) / correlation_time))
     white[1:] *= innovation.reshape(-1, *(1,) * (len(shape) - 1))
-    band = np.vstack([np.ones(len(times)), -np.append(keep, 0.0)])
-    return np.asarray(lapack.dtbtrs(band, white.reshape(len(times), -1), uplo="L")[0].reshape(shape))
-
-
-def recursive_filter(
-    b: FloatArray, a: FloatArray, x: FloatArray, start: FloatArray | None = None
-) -> FloatArray:
-    """Return y (N, ...) with ``sum a_k y(i - k) = sum b_k x(i - k)`` along the first axis, from rest.
-
-    ``a[0]`` is one; ``start`` (k, ...) is added to the right-hand side of the first samples. By a banded
-    triangular system: `scipy.signal` takes longer to load than most filters to run.
-    """
-    driven = b[0] * np.asfortranarray(x)
-    for k in range(1, len(b)):
-        driven[k:] += b[k] * x[:-k]
-    if start is not None:
-        driven[: len(start)] += start
-    band = np.asfortranarray(np.broadcast_to(a[:, None], (len(a), len(x))))
-    found, _ = lapack.dtbtrs(band, driven.reshape(len(x), -1), uplo="L", diag="U", overwrite_b=1)
-    return np.asarray(found.reshape(x.shape))
+    if keep.size and np.ptp(keep) <= 1e-12:
+        return np.asarray(scipy.signal.lfilter([1.0], [1.0, -float(np.mean(keep))], white, axis=0))
+    for k, factor in enumerate(keep):
+        white[k + 1] += factor * white[k]
+    return white
 
 
 def random_walk(times: FloatArray, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:

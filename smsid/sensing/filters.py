@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy  # loads a part of it when that is used
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from smsid.errors import RecordingError
-from smsid.sensing._signals import FloatArray, recursive_filter
+from smsid.sensing._signals import FloatArray
 
 ORDER = 4  # of the Butterworth low-pass, each way
 
@@ -34,11 +35,8 @@ def zero_phase(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
         RecordingError: cutoff not below Nyquist, a sample not finite, or a record shorter than one period of
             the cutoff.
     """
-    data, pad = _prepare(x, rate, cutoff)
-    wide = np.concatenate([2.0 * data[0] - data[pad:0:-1], data, 2.0 * data[-1] - data[-2 : -pad - 2 : -1]])
-    for _ in range(2):  # each pass as if its first sample had always been
-        wide = (_low_pass(wide - wide[0], rate, cutoff) + wide[0])[::-1]
-    return np.ascontiguousarray(wide[pad : pad + len(data)])
+    data, sos, pad = _prepare(x, rate, cutoff)
+    return np.asarray(scipy.signal.sosfiltfilt(sos, data, axis=0, padlen=pad))
 
 
 def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
@@ -55,10 +53,10 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float) -> FloatArra
     Raises:
         RecordingError: as `zero_phase`.
     """
-    data, pad = _prepare(x, rate, cutoff)
+    data, sos, pad = _prepare(x, rate, cutoff)
     n = data.shape[0]
     wide = np.concatenate([np.zeros((pad, *data.shape[1:])), data, np.zeros((pad, *data.shape[1:]))])
-    wide = _low_pass(_low_pass(wide, rate, cutoff)[::-1], rate, cutoff)[::-1]
+    wide = scipy.signal.sosfilt(sos, scipy.signal.sosfilt(sos, wide, axis=0)[::-1], axis=0)[::-1]
     left, out, right = wide[:pad], wide[pad : pad + n].copy(), wide[pad + n :]
     out[0] += 2.0 * left.sum(axis=0)
     out[1 : pad + 1] -= left[::-1]
@@ -116,8 +114,8 @@ def settling_time(cutoff: float) -> float:
     return math.log(1e4) / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * ORDER)))
 
 
-def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, int]:
-    """Return the samples, and by how many samples to extend them at both ends."""
+def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, FloatArray, int]:
+    """Return the samples, the filter, and by how many samples to extend them at both ends."""
     if not (math.isfinite(rate) and 0.0 < cutoff < 0.5 * rate):
         raise RecordingError(
             f"A cutoff of {cutoff} Hz is not between 0 and Nyquist, {0.5 * rate} Hz, of a rate of {rate} Hz.",
@@ -145,14 +143,5 @@ def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, int]
             advice="Filters spread them over the record; cut or fill them first.",
             samples=bad,
         )
-    return data, min(wanted, samples - 1)
-
-
-def _low_pass(x: FloatArray, rate: float, cutoff: float) -> FloatArray:
-    """Filter forwards from rest, -3 dB at the cutoff: bilinear, Butterworth's poles in pairs."""
-    k = math.tan(math.pi * cutoff / rate)
-    for sine in np.sin(math.pi * np.arange(1, ORDER, 2) / (2 * ORDER)):
-        size = 1.0 + 2.0 * k * sine + k**2
-        a = np.array([1.0, 2.0 * (k**2 - 1.0) / size, 2.0 * (1.0 + k**2) / size - 1.0])
-        x = recursive_filter(k**2 / size * np.array([1.0, 2.0, 1.0]), a, x)
-    return x
+    sos = np.asarray(scipy.signal.butter(ORDER, cutoff, fs=rate, output="sos"))
+    return data, sos, min(wanted, samples - 1)

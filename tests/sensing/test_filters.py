@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.signal import butter, correlate, lfilter, sosfiltfilt
+from scipy.signal import correlate
 
 from smsid.errors import RecordingError
-from smsid.sensing import differentiate, settling_time, zero_phase, zero_phase_transposed
-from smsid.sensing._signals import recursive_filter
+from smsid.sensing import differentiate, zero_phase, zero_phase_transposed
 
 RATE = 200.0
 
@@ -112,23 +111,6 @@ def test_short_records_are_refused_with_the_length_needed(run):
         run(np.zeros(20), RATE, 1.0)
     needed = caught.value.evidence["needed"]
     assert run(np.zeros(needed), RATE, 1.0).shape == (needed,)
-
-
-@pytest.mark.parametrize(("samples", "cutoff"), [(300, 5.0), (12001, 1.0), (3000, 80.0)])
-def test_zero_phase_is_scipy_s(samples, cutoff):
-    x = np.cumsum(np.random.default_rng(1).normal(size=(samples, 3)), axis=0)
-    sections = butter(4, cutoff, fs=RATE, output="sos")
-    pad = min(max(15, int(np.ceil(RATE / cutoff)), int(np.ceil(settling_time(cutoff) * RATE))), samples - 1)
-    theirs = sosfiltfilt(sections, x, axis=0, padlen=pad)
-    assert np.abs(zero_phase(x, RATE, cutoff) - theirs).max() < 1e-11 * np.abs(theirs).max()
-
-
-def test_a_recursive_filter_is_scipy_s():
-    rng = np.random.default_rng(2)
-    (b, a), x, before = butter(2, 0.2), rng.normal(size=(500, 3)), rng.normal(size=(2, 3))
-    theirs, _ = lfilter(b, a, x, axis=0, zi=before)
-    np.testing.assert_allclose(recursive_filter(b, a, x, before), theirs, atol=1e-13)
-    np.testing.assert_allclose(recursive_filter(b, a, x), lfilter(b, a, x, axis=0), atol=1e-13)
 
 
 def test_the_transposed_zero_phase_filter_is_the_transposed_matrix_at_the_ends_too():
