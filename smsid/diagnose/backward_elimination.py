@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.model_comparison import (
-    Cause,
-    DetectionThresholds,
-    refit,
-    strengths,
-    unfitted_parameters,
-    wald,
-    without_candidate,
-)
+from smsid.diagnose.exchange_step import without_cause
+from smsid.diagnose.model_comparison import Cause, DetectionThresholds, strengths, wald
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import Fit, evaluate, fit
+from smsid.estimation.map_estimate import Fit, fit
 
 LOGGER = logging.getLogger(__name__)
 
@@ -52,7 +45,8 @@ def eliminate_backward(
             break
         worst = min(doubted, key=lambda c: wald(last, c.score.candidate))
         try:
-            left, rest = _fitted([c for c in causes if c is not worst], last, nominal)
+            less = without_cause(last, worst.score.candidate, nominal)
+            rest = fit(less.point, less.unknowns, last.problem, iterations=20)
         except (SmsidError, np.linalg.LinAlgError) as error:  # without a cause the recording is lost
             LOGGER.info("not without %s: %s", worst.score.candidate.key, error)
             needed.append(worst)
@@ -61,7 +55,7 @@ def eliminate_backward(
             LOGGER.info("%s is missed", worst.score.candidate.key)
             needed.append(worst)
         else:
-            causes, last = left, rest
+            causes, last = [c for c in causes if c is not worst], rest
     return causes, last
 
 
@@ -73,33 +67,7 @@ def _missed(
     held = float(chi2.sf(wald(last, own, held=True), len(own.free)))
     if 0.5 * score.sides * tried * held > levels.candidate:
         return False  # it ran away
-    rest = without_candidate(rest, last, own)  # perhaps it had not come to rest
     lost = 2.0 * (rest.objective - last.objective)
     names = {u.name for u in last.unknowns}
     chance = tried * own.grid * float(chi2.sf(lost, len(own.free) + len(names & set(own.also))))
     return lost > levels.beside * strongest and chance <= levels.candidate
-
-
-def _fitted(causes: Sequence[Cause], last: Fit, nominal: Fit) -> tuple[list[Cause], Fit]:
-    """Return the causes that can be fitted one after the other from the nominal model, and their fit."""
-    kept, found = [], evaluate(nominal.point, nominal.unknowns, last.problem)  # its noise may be finer
-    for cause in causes:
-        again = refit(found, cause.score_beside([u.name for u in found.unknowns]))
-        if again is None:
-            LOGGER.info("%s cannot be fitted without another", cause.score.candidate.key)
-        else:
-            kept, found = [*kept, cause], _freed_as(again, cause, last)
-    return kept, found
-
-
-def _freed_as(found: Fit, cause: Cause, last: Fit) -> Fit:
-    """Return a fit with those further parameters of a cause free, too, that are so in another."""
-    names = {u.name for u in last.unknowns}
-    more = [u for u in unfitted_parameters(found, cause.score.candidate) if u.name in names]
-    if not more:
-        return found
-    try:
-        return fit(found.point, (*found.unknowns, *more), found.problem, iterations=20)
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("%s stay as they are: %s", [u.name for u in more], error)
-        return found

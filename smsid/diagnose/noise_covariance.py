@@ -15,6 +15,9 @@ from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.innovations import normalised_rmse
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.loosening import loosened
 from smsid.estimation.map_estimate import ENOUGH, Fit, continued, evaluate, fit
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -24,7 +27,7 @@ LOGGER = logging.getLogger(__name__)
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
-HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
+HALF = 0.5  # share of the squared error that is left without a channel that contradicts the others
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
@@ -82,47 +85,60 @@ def strays_by_row(run: FilterRun, factors: np.ndarray) -> np.ndarray:
     return np.sqrt((x**2).sum(axis=0) / np.maximum(run.used.sum(axis=0), 1))
 
 
-def with_levels(found: Fitted) -> Fitted:
-    """Return a first fit with the noise level of every channel fitted, too.
+def with_levels(found: Fitted, given: Point | None = None) -> Fitted:
+    """Return a first fit with the noise level of every channel fitted, too; ``given`` is where it began.
 
     Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
     means anything: levels are then those of the misfit, over its slow frequencies, so that it weighs as much
     as noise that is as slow.
     """
     if normalised_rmse(found.fit.run) > MISFIT:
-        return but_for_one(found) or with_misfit(replace(found, misfit=True))
+        return but_for_one(found, given or found.fit.point) or with_misfit(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
 
-def but_for_one(found: Fitted) -> Fitted | None:
-    """Return the fit of all components but the one that strays most, or all but its channel, where the rest
-    is followed; else nothing: what takes most of the error may be a cause of the motion.
+def but_for_one(found: Fitted, given: Point) -> Fitted | None:
+    """Return the fit of all channels but the one that contradicts the others, where these are followed.
 
-    That is a faulty sensor then, and its errors are seen as they are: fitted with it, the rest would
-    bend to it, and noise raised to its errors would hide what explains them. The rest has its own levels,
-    perhaps but for another one; what was left out is back, with its noise as stated.
+    That is a faulty sensor then: fitted with it, the rest would bend to it. Of a model that may err as much
+    as it is driven, only sensors that contradict each other stray: without which one do they least? The rest
+    has its own levels, perhaps but for another one; what was left out is back with the noise of what it is
+    off by, so that nothing follows it.
     """
-    whole = found.fit.problem
-    squares = np.where(found.fit.run.used, found.fit.run.normalised**2, 0.0)
-    means = squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)
-    worst = int(np.argmax(means))
-    channel = next(b for b in whole.data.blocks if b.rows.start <= worst < b.rows.stop)
-    choices = (slice(worst, worst + 1), channel.rows)
-    rows = next((r for r in choices if squares[:, r].sum() > HALF * squares.sum()), None)
-    if rows is None:
-        return None
-    problem = with_unknown(whole, found.fit.run, (), whole.data.names[rows])
+    whole, run, unknowns = found.fit.problem, found.fit.run, found.fit.unknowns
     try:
-        rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
-        if normalised_rmse(rest.run) > FOLLOWED:
+        model = given.model()
+        loose = loosened(model, at_point(given, whole), 1.0)
+
+        def left(problem: Problem) -> float:
+            try:
+                innovations = run_filter(model, problem).innovations
+            except SimulationError:  # without its angles an arm is lost
+                return np.inf
+            return float(np.vdot(innovations, innovations))
+
+        blocks = whole.data.blocks
+        rest = [left(with_unknown(loose, run, (), [b.channel])) for b in blocks]
+        lost = blocks[int(np.argmin(rest))]
+        if len(rest) == 1 or not min(rest) < HALF * left(loose):
             return None
-        LOGGER.info("%s strays by itself", ", ".join(whole.data.names[rows]))
-        levels = with_levels(Fitted(rest, found.factors))
-        data = whole.data.scaled(levels.factors / found.factors)
-        again = evaluate(levels.fit.point, found.fit.unknowns, replace(whole, data=data))
-        return replace(levels, fit=again, alone=True)
+        problem = with_unknown(whole, run, (), [lost.channel])
+        fitted = continued(first_fit(given, problem, unknowns).fit, iterations=8)
+        if normalised_rmse(fitted.run) > FOLLOWED:
+            return None
+        LOGGER.info("%s strays by itself", lost.channel)
+        levels = with_levels(Fitted(fitted, found.factors))
+        off = [whole.data.residual(k, x, None)[lost.rows] for k, x in enumerate(levels.fit.run.predicted)]
+        size = np.sqrt(np.nanmean(np.square(off), axis=0)) / whole.data.sigma[lost.rows]
+        factors = levels.factors.copy()
+        factors[lost.rows] = np.maximum(found.factors[lost.rows] * size, 1.0)
+        values = whole.data.values.copy()
+        values[list(run.begins)] = problem.data.values[list(run.begins)]  # nor is its start read from it
+        data = replace(whole.data, values=values).scaled(factors / found.factors)
+        again = evaluate(levels.fit.point, unknowns, replace(whole, data=data))
+        return replace(levels, fit=again, factors=factors, misfit=True, alone=True)
     except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("not without %s either: %s", whole.data.names[rows], error)
+        LOGGER.info("no channel strays by itself: %s", error)
         return None
 
 

@@ -362,7 +362,8 @@ def with_unknown(
     out = np.zeros(data.values.shape, dtype=bool)
     for block in data.blocks:
         out[:, block.rows] = [block.channel in lost or name in lost for name in block.names]
-    out[list(run.begins)] = False  # where the filter begins is read from there
+        if not block.quantity.endswith(("rate", "velocity")):  # where the filter begins is read from there
+            out[list(run.begins), block.rows] = False
     noise = replace(problem.noise, more=(*problem.noise.more, *loud))
     return replace(problem, data=data.without(out), noise=noise)
 

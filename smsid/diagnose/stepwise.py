@@ -40,6 +40,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
+PRUNING = "leaving out needless causes"  # as a step that failed is called
 
 
 @short_repr
@@ -111,8 +112,10 @@ def search(
     clock.append(time.process_time())
     _look(state)
     unknown = state.fitted.unknown
-    if unknown and state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
-        _look(state)
+    if unknown:  # afterwards misfit counts, and what was proven before it did is not judged again
+        state.guarded(PRUNING, state.prune)
+        if state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
+            _look(state)
     blocks = _reconsidered(state, coarse)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
@@ -153,7 +156,7 @@ def _begun(
     try:
         first = first_fit(point, problem, unknowns)
         strays = normalised_rmse(first.fit.run) > THRESHOLDS.strays
-        fitted = with_levels(first)
+        fitted = with_levels(first, point)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
         lost = error
@@ -199,7 +202,7 @@ def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTe
             state.take(larger)
             blocks = again
     if state.fitted.misfit or not _unexplained(state, blocks, coarse):  # else no cause is named anyway
-        left_out = state.guarded("leaving out needless causes", state.prune)
+        left_out = state.guarded(PRUNING, state.prune)
         blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
     return blocks
 

@@ -3,11 +3,11 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from smsid.diagnose.backward_elimination import eliminate_backward
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds
 from smsid.diagnose.score_test import Candidate, Score
+from smsid.errors import SimulationError
 
 
 def cause(location):
@@ -21,11 +21,11 @@ def fitted(objective):
     return SimpleNamespace(unknowns=(), point=None, problem=None, objective=objective)
 
 
-def left(monkeypatch, held, rest, continued=None, fits=True, whole=0.1):
+def left(monkeypatch, held, rest, whole=0.1):
     """Where the causes are that stay of two, of which the first's strength has a statistic of 0.1.
 
     ``whole`` is that of all its parameters, ``held`` that with its further parameters held, ``rest`` the
-    objective without it, ``continued`` where that comes to from where it was; with it, it is zero.
+    objective of the fit without it, ``None`` where there is none; with it, it is zero.
     """
 
     by_itself = held
@@ -33,24 +33,23 @@ def left(monkeypatch, held, rest, continued=None, fits=True, whole=0.1):
     def wald(found, candidate, *, held=False, strength=False):
         return 50.0 if candidate.location == "joint2" else by_itself if held else 0.1 if strength else whole
 
+    def refitted(point, unknowns, problem, **options):
+        if rest is None:
+            raise SimulationError("lost")
+        return fitted(rest)
+
     monkeypatch.setattr("smsid.diagnose.backward_elimination.wald", wald)
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.evaluate", lambda *_: fitted(1e6))
-    monkeypatch.setattr(
-        "smsid.diagnose.backward_elimination.refit", lambda *_: fitted(rest) if fits else None
-    )
-    monkeypatch.setattr(
-        "smsid.diagnose.backward_elimination.without_candidate",
-        lambda current, *_: current if continued is None else fitted(continued),
-    )
+    monkeypatch.setattr("smsid.diagnose.backward_elimination.without_cause", lambda found, *_: found)
+    monkeypatch.setattr("smsid.diagnose.backward_elimination.fit", refitted)
     kept, _ = eliminate_backward(
         [cause("joint1"), cause("joint2")], fitted(0.0), fitted(1e6), DetectionThresholds(), 60
     )
     return [c.score.candidate.location for c in kept]
 
 
-@pytest.mark.parametrize("fits", [True, False])
-def test_what_cannot_be_fitted_without_another_goes_with_it(monkeypatch, fits):
-    assert left(monkeypatch, held=0.1, rest=0.0, fits=fits) == (["joint2"] if fits else [])
+def test_one_without_which_the_recording_is_lost_stays(monkeypatch):
+    assert left(monkeypatch, held=0.1, rest=0.0) == ["joint2"]
+    assert left(monkeypatch, held=0.1, rest=None) == ["joint1", "joint2"]
 
 
 def test_one_whose_strength_goes_with_what_it_freed_stays_where_it_is_missed(monkeypatch):
@@ -58,7 +57,6 @@ def test_one_whose_strength_goes_with_what_it_freed_stays_where_it_is_missed(mon
     assert left(monkeypatch, held=1000.0, rest=3900.0) == ["joint1", "joint2"]
     assert left(monkeypatch, held=0.1, rest=3900.0) == ["joint2"], "it ran away"
     assert left(monkeypatch, held=1000.0, rest=4.0) == ["joint2"], "nothing is missed"
-    assert left(monkeypatch, held=1000.0, rest=3900.0, continued=4.0) == ["joint2"], "it had not come to rest"
 
 
 def test_a_mass_that_may_be_none_stays_where_it_is_missed(monkeypatch):

@@ -89,8 +89,8 @@ def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypa
         return 12.0 if candidate.location == "joint1" else 50.0
 
     monkeypatch.setattr("smsid.diagnose.backward_elimination.wald", wald)
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.evaluate", lambda *_: fitted(1.0))
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.refit", lambda *_: fitted(1.0))
+    monkeypatch.setattr("smsid.diagnose.backward_elimination.without_cause", lambda found, *_: found)
+    monkeypatch.setattr("smsid.diagnose.backward_elimination.fit", lambda *_, **options: fitted(1.0))
     causes = [cause("joint1"), cause("joint2")]
     for tried, kept in ((1, 2), (60, 1)):
         assert (
