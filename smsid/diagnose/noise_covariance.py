@@ -19,7 +19,7 @@ from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.loosening import loosened
 from smsid.estimation.map_estimate import ENOUGH, Fit, continued, evaluate, fit
-from smsid.estimation.measurements import Measured
+from smsid.estimation.measurements import ChannelSlice, Measured, matrix
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Noise, Problem
 
@@ -27,7 +27,7 @@ LOGGER = logging.getLogger(__name__)
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
-HALF = 0.5  # share of the squared error that is left without a channel that contradicts the others
+HALF = 0.5  # share of the squared errors that a channel takes with it that strays by itself
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
@@ -93,53 +93,77 @@ def with_levels(found: Fitted, given: Point | None = None) -> Fitted:
     as noise that is as slow.
     """
     if normalised_rmse(found.fit.run) > MISFIT:
-        return but_for_one(found, given or found.fit.point) or with_misfit(replace(found, misfit=True))
+        own = found.fit
+        alone = but_for_one(given or own.point, own.problem, own.unknowns, found.factors, own.run)
+        return alone or with_misfit(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
 
-def but_for_one(found: Fitted, given: Point) -> Fitted | None:
-    """Return the fit of all channels but the one that contradicts the others, where these are followed.
+def but_for_one(
+    given: Point,
+    whole: Problem,
+    unknowns: Sequence[Unknown],
+    factors: np.ndarray,
+    strayed: FilterRun | None = None,
+) -> Fitted | None:
+    """Return the fit of all channels but one that strays by itself, where the others are followed; ``given``
+    is where it begins, ``factors`` (rows,) are levels of the noise, ``strayed`` is the run of a first fit.
 
-    That is a faulty sensor then: fitted with it, the rest would bend to it. Of a model that may err as much
-    as it is driven, only sensors that contradict each other stray: without which one do they least? The rest
-    has its own levels, perhaps but for another one; what was left out is back with the noise of what it is
-    off by, so that nothing follows it.
+    That is a faulty sensor then: fitted with it, the rest would bend to it. The rest has its own levels,
+    perhaps but for another one; what was left out is back with the noise of what it is off by, so that
+    nothing follows it.
     """
-    whole, run, unknowns = found.fit.problem, found.fit.run, found.fit.unknowns
     try:
-        model = given.model()
-        loose = loosened(model, at_point(given, whole), 1.0)
-
-        def left(problem: Problem) -> float:
-            try:
-                innovations = run_filter(model, problem).innovations
-            except SimulationError:  # without its angles an arm is lost
-                return np.inf
-            return float(np.vdot(innovations, innovations))
-
-        blocks = whole.data.blocks
-        rest = [left(with_unknown(loose, run, (), [b.channel])) for b in blocks]
-        lost = blocks[int(np.argmin(rest))]
-        if len(rest) == 1 or not min(rest) < HALF * left(loose):
+        lost = _suspect(given, whole, strayed)
+        if lost is None:
             return None
-        problem = with_unknown(whole, run, (), [lost.channel])
+        problem = with_unknown(whole, lost.channel)
         fitted = continued(first_fit(given, problem, unknowns).fit, iterations=8)
         if normalised_rmse(fitted.run) > FOLLOWED:
             return None
         LOGGER.info("%s strays by itself", lost.channel)
-        levels = with_levels(Fitted(fitted, found.factors))
-        off = [whole.data.residual(k, x, None)[lost.rows] for k, x in enumerate(levels.fit.run.predicted)]
+        levels = with_levels(Fitted(fitted, factors))
+        run, values = levels.fit.run, whole.data.values.copy()
+        seen = zip(run.predicted, run.states.q, strict=True)
+        turns = [(x, matrix(q[3:7]) if levels.fit.changes.model.free else None) for x, q in seen]
+        off = [whole.data.residual(k, *x)[lost.rows] for k, x in enumerate(turns)]
         size = np.sqrt(np.nanmean(np.square(off), axis=0)) / whole.data.sigma[lost.rows]
-        factors = levels.factors.copy()
-        factors[lost.rows] = np.maximum(found.factors[lost.rows] * size, 1.0)
-        values = whole.data.values.copy()
+        own = levels.factors.copy()
+        own[lost.rows] = np.maximum(factors[lost.rows] * size, 1.0)
         values[list(run.begins)] = problem.data.values[list(run.begins)]  # nor is its start read from it
-        data = replace(whole.data, values=values).scaled(factors / found.factors)
+        data = replace(whole.data, values=values).scaled(own / factors)
         again = evaluate(levels.fit.point, unknowns, replace(whole, data=data))
-        return replace(levels, fit=again, factors=factors, misfit=True, alone=True)
+        return replace(levels, fit=again, factors=own, misfit=True, alone=True)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("no channel strays by itself: %s", error)
         return None
+
+
+def _suspect(given: Point, whole: Problem, strayed: FilterRun | None) -> ChannelSlice | None:
+    """Return the channel that contradicts the others, or else the one with most of the errors of a first fit.
+
+    Of a model that may err as much as it is driven, only sensors that contradict each other stray: without
+    which one do they least?
+    """
+    blocks, model = whole.data.blocks, given.model()
+    loose = loosened(model, at_point(given, whole), 1.0)
+
+    def left(problem: Problem) -> float:
+        try:
+            return float(np.sum(run_filter(model, problem).innovations ** 2))
+        except SimulationError:  # without its angles an arm is lost
+            return np.inf
+
+    if len(blocks) == 1:
+        return None
+    rest = [left(with_unknown(loose, b.channel)) for b in blocks]
+    if min(rest) < HALF * left(loose):
+        return blocks[int(np.argmin(rest))]
+    if strayed is None:
+        return None
+    squares = np.where(strayed.used, strayed.normalised**2, 0.0).sum(axis=0)
+    most = max(blocks, key=lambda b: squares[b.rows].sum())
+    return most if squares[most.rows].sum() > HALF * squares.sum() else None
 
 
 def refit_noise(found: Fitted, *, strong: bool = False) -> Fitted:
@@ -185,7 +209,7 @@ def unknown_structures(found: Fit, problem: Problem) -> Iterator[tuple[str, Prob
     for place, own_dofs in places.items():
         dofs = [*(range(6) if model.free else ()), *own_dofs]
         own = {b.channel for b in data.blocks if place in (b.sensor.appendage, b.sensor.name)}
-        yield place, with_unknown(problem, found.run, dofs, own, held=len(data.times))
+        yield place, with_unknown(problem, *own, run=found.run, dofs=dofs, held=len(data.times))
 
 
 def _exact(found: Fitted) -> Fitted | None:

@@ -16,6 +16,7 @@ from smsid.diagnose.model_comparison import Cause, DetectionThresholds, with_fur
 from smsid.diagnose.noise_covariance import (
     FOLLOWED,
     Fitted,
+    but_for_one,
     first_fit,
     normalised_rmse,
     strays_by_row,
@@ -159,7 +160,7 @@ def _begun(
         fitted = with_levels(first, point)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
-        lost = error
+        lost, fitted = error, but_for_one(point, problem, unknowns, np.ones(problem.data.rows))
     # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
     local = fitted is not None and strays and (fitted.alone or _is_local(fitted))
     if strays and not local:

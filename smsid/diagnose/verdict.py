@@ -195,7 +195,7 @@ def verdict(
     """
     left, words = found.left, _in_words(named)
     hints = named if hints is None else hints
-    doubted = next((d for d in (doubts(found, c) for c in named) if d), "")
+    doubted = next((d for d in map(impossible, named) if d), "")
     if doubted:
         what = f": what would ({_in_words(hints)}) is not believed" if hints else ""
         what += f", as {doubted}."
@@ -253,11 +253,14 @@ def _with_misfit(
     words = _in_words(named)
     worst = max(found.noise, key=lambda channel: found.noise[channel])
     rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
-    if words and found.followed >= THRESHOLDS.mostly and is_piecewise_drift(named):
+    mostly = bool(words) and found.followed >= THRESHOLDS.mostly
+    if mostly and is_piecewise_drift(named):
         return "unexplained", IN_PIECES.format(words)
-    if words and found.followed >= THRESHOLDS.mostly:
+    beside = next((x for x in (_own_channel_left(found, c) for c in named) if x), "")
+    if mostly and not beside:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
-    sentence = f"The simulation does not follow the recording: {rest}, and no cause fits it."
+    why = f"{beside}; {rest}" if mostly else f"{rest}, and no cause fits it"
+    sentence = f"The simulation does not follow the recording: {why}."
     return "unexplained", sentence + _parts(hints, standing)
 
 
@@ -296,11 +299,6 @@ def describe(cause: FoundCause) -> str:
 
 DRAGS = ("viscous", "quadratic", "cubic")
 OF_JOINTS = ("joint_position", "joint_velocity")
-
-
-def doubts(found: Search, cause: FoundCause) -> str:
-    """Return in words why a cause cannot stand as an explanation; empty where nothing speaks against it."""
-    return impossible(cause) or (_own_channel_left(found, cause) if found.misfit else "")
 
 
 def impossible(cause: FoundCause) -> str:
