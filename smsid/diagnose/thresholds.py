@@ -47,7 +47,6 @@ class DetectionThresholds:
     excited: float = _row(1e-12, SHARE, "that rounding leaves of a column beside what is fitted", "float64")
     beginning_apart: float = _row(25.0, RATIO, "against the best time: 5 standard deviations off", CHI2)
     beginning_strong: float = _row(400.0, RATIO, "above which a beginning shows to the sample")
-    beginning_poor: float = _row(10.0, SIGMAS, "of a sum of squares: a fit with a beginning is poor")
     beginning_moved: float = _row(4.0, RATIO, "that a move of a beginning has to gain, to first order")
     beginnings_sought: float = _row(60.0, RATIO, "above which beginnings are sought for all contenders")
     coarse_close: float = _row(0.9, "of the gain", "of the best strong cause: one with less is not fitted")

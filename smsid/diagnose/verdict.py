@@ -209,10 +209,7 @@ def verdict(
         beside = f"; beside it {left[0].where} still depends on {left[0].dependence}"
         return "unexplained", sentence + _parts(hints, standing, beside)
     if is_piecewise_drift(named):
-        sentence = (
-            f"The simulation does not explain the recording: {words}; that begins in turn, as the pieces"
-        )
-        return "unexplained", f"{sentence} of a drift do that no cause fits."
+        return "unexplained", IN_PIECES.format(words)
     if named:
         return "explained", f"The simulation lacks {words}."
     return "adequate", "The simulation explains the recording to its noise."

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from smsid.diagnose.backward_elimination import eliminate_backward
+from smsid.diagnose.exchange_step import eliminate_backward
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.errors import SimulationError
@@ -38,9 +38,9 @@ def left(monkeypatch, held, rest, whole=0.1):
             raise SimulationError("lost")
         return fitted(rest)
 
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.wald", wald)
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.without_cause", lambda found, *_: found)
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.fit", refitted)
+    monkeypatch.setattr("smsid.diagnose.exchange_step.wald", wald)
+    monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
+    monkeypatch.setattr("smsid.diagnose.exchange_step.fit", refitted)
     kept, _ = eliminate_backward(
         [cause("joint1"), cause("joint2")], fitted(0.0), fitted(1e6), DetectionThresholds(), 60
     )

@@ -110,7 +110,6 @@ def world(monkeypatch):
         "normalised_rmse": lambda *_: 1.0,
         "memory": lambda *_: (),
         "best_onsets": lambda *_: [],
-        "is_poor_fit": lambda fit: False,
         "refine_onset": lambda fit, score: (score, fit),
         "scan_onsets": lambda *_: {},
         "with_onset": lambda fit, score, alias, onsets: score,
