@@ -77,12 +77,14 @@ def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fi
 
 
 def strays_by_row(run: FilterRun, factors: np.ndarray) -> np.ndarray:
-    """Return the root mean square of every component's prediction errors (rows,), in stated noise.
-
-    ``factors`` (rows,) are the levels of the run's noise over the stated one.
+    """Return the root mean square of every component's prediction errors (rows,), in stated noise, outliers
+    left out as in `normalised_rmse`; ``factors`` (rows,) are levels of the run's noise over that.
     """
-    x = np.where(run.used, run.normalised * factors, 0.0)
-    return np.sqrt((x**2).sum(axis=0) / np.maximum(run.used.sum(axis=0), 1))
+    out = np.zeros(len(factors))
+    for row in np.flatnonzero(run.used.any(axis=0)):
+        x = run.normalised[run.used[:, row], row] ** 2
+        out[row] = factors[row] * np.sqrt(np.minimum(x, np.quantile(x, 0.99)).mean())
+    return out
 
 
 def with_levels(found: Fitted, given: Point | None = None) -> Fitted:
@@ -192,10 +194,8 @@ def but_for_a_structure(
         rest = _followed(last.point, unknowns, problem)
         if rest is None:
             continue
-        left = strays_by_row(rest.run, np.ones(stated.rows))
-        LOGGER.info("with %s unknown, up to %.3g times the noise is left", place, left.max())
-        if left.max() < THRESHOLDS.own_channel:
-            return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
+        LOGGER.info("followed to the noise with %s unknown", place)
+        return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
     return None
 
 
@@ -220,7 +220,9 @@ def _exact(found: Fitted) -> Fitted | None:
 
 
 def _followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
-    """Return a fit to the noise as stated, or nothing where the model does not follow that far."""
+    """Return a fit to the noise as stated, or nothing where the model does not follow that far: where one
+    component alone is left far off, all would be known too well.
+    """
     try:
         found = fit(point, unknowns, problem, iterations=2)
         if normalised_rmse(found.run) > MISFIT:
@@ -229,7 +231,9 @@ def _followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fi
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("not to the noise: %s", error)
         return None
-    return found if normalised_rmse(found.run) <= FOLLOWED else None
+    left = strays_by_row(found.run, np.ones(problem.data.rows)).max()
+    LOGGER.info("to the noise as stated, up to %.3g times that is left", left)
+    return found if left < THRESHOLDS.own_channel and normalised_rmse(found.run) <= FOLLOWED else None
 
 
 def _with_noise(found: Fitted) -> Fitted:

@@ -187,3 +187,18 @@ def test_what_is_wrong_elsewhere_is_not_laid_on_a_structure(known, problem, reco
     wrong = replace(problem, recording=recording.with_channels({"command.joint_torque": told}))
     strayed = evaluate(known.point, known.unknowns[:1], wrong)
     assert but_for_a_structure(Fitted(strayed, np.ones(problem.data.rows), misfit=True)) is None
+
+
+@pytest.mark.parametrize(("size", "misfit"), [(0.5, False), (8.0, True)])
+def test_misfit_is_counted_where_one_channel_alone_is_left_with_it(known, problem, size, misfit):
+    """Over all channels it is little; with the noise as stated, what bends to it would be told for sure."""
+    row, values = problem.data.names.index("imu.acceleration[y]"), problem.data.values.copy()
+    values[:, row] += size * problem.data.sigma[row] * np.sin(0.8 * problem.data.times)
+    slow = replace(problem, data=replace(problem.data, values=values))
+    first = evaluate(known.point, known.unknowns[:3], slow)
+    assert normalised_rmse(first.run) < 2.0
+    raised = np.full(problem.data.rows, 5.0)
+    before = evaluate(known.point, known.unknowns[:3], replace(slow, data=slow.data.scaled(raised)))
+    found = refit_noise(Fitted(before, raised, misfit=True, local=False), strong=True)
+    assert found.misfit == misfit
+    assert (found.factors[row] > 3.0) == misfit
