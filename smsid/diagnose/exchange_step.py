@@ -22,6 +22,7 @@ from smsid.diagnose.model_comparison import (
     wald,
 )
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, fit, prior_of
 from smsid.estimation.sensitivities import propagate
@@ -201,18 +202,20 @@ def eliminate_backward(
 
     One that is far from doing nothing as far as its further parameters are what they are (the gap of a
     backlash, which goes with the torque of its crossing) is left out only where it is not missed. Those
-    ``proven``, by key, stay.
+    ``proven``, by key, where misfit did not hide them, stay unless they may as well be nothing.
     """
 
-    def chance(cause: Cause) -> float:
+    def doubtful(cause: Cause) -> bool:
         own = cause.score.candidate
         whole = float(chi2.sf(wald(last, own), len(own.free)))
         alone = float(chi2.sf(wald(last, own, strength=True), sum(strengths(own))))
-        return 0.5 * cause.score.sides * tried * max(whole, alone)
+        if own.key in proven:
+            return max(whole, alone) > THRESHOLDS.nested
+        return 0.5 * cause.score.sides * tried * max(whole, alone) > levels.candidate
 
-    needed = [c for c in causes if c.score.candidate.key in proven]
+    needed: list[Cause] = []
     while len(causes) > 1:
-        doubted = [c for c in causes if not any(c is n for n in needed) and chance(c) > levels.candidate]
+        doubted = [c for c in causes if doubtful(c) and not any(c is n for n in needed)]
         if not doubted:
             break
         worst = min(doubted, key=lambda c: wald(last, c.score.candidate))

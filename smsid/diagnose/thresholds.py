@@ -39,7 +39,7 @@ class DetectionThresholds:
     beside: float = _row(1e-3, "of the ratio", "of the strongest cause: less may be its integration", STUDIES)
     near: float = _row(0.5, "correlation", "least one of two candidates that are taken for each other")
     beyond: float = _row(1e-3, "chance", "of what a rival explains more, by which it is rejected", CHI2)
-    nested: float = _row(0.05, "chance", "at which a sibling's further parameters explain something", CHI2)
+    nested: float = _row(0.05, "chance", "at which further parameters or a proven cause count", CHI2)
     contained: float = _row(0.99, "correlation", "above which a candidate of more parameters can do the same")
     contained_better: float = _row(0.9, "correlation", "the same where it explains more")
     left_out: float = _row(0.05, "chance", "of all aliases that are left out together")

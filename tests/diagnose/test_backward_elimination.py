@@ -21,8 +21,8 @@ def fitted(objective):
     return SimpleNamespace(unknowns=(), point=None, problem=None, objective=objective)
 
 
-def left(monkeypatch, held, rest, whole=0.1):
-    """Where the causes are that stay of two, of which the first's strength has a statistic of 0.1.
+def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=()):
+    """Where the causes are that stay of two, of which the first's strength has a statistic ``alone``.
 
     ``whole`` is that of all its parameters, ``held`` that with its further parameters held, ``rest`` the
     objective of the fit without it, ``None`` where there is none; with it, it is zero.
@@ -31,7 +31,7 @@ def left(monkeypatch, held, rest, whole=0.1):
     by_itself = held
 
     def wald(found, candidate, *, held=False, strength=False):
-        return 50.0 if candidate.location == "joint2" else by_itself if held else 0.1 if strength else whole
+        return 50.0 if candidate.location == "joint2" else by_itself if held else alone if strength else whole
 
     def refitted(point, unknowns, problem, **options):
         if rest is None:
@@ -42,7 +42,7 @@ def left(monkeypatch, held, rest, whole=0.1):
     monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.exchange_step.fit", refitted)
     kept, _ = eliminate_backward(
-        [cause("joint1"), cause("joint2")], fitted(0.0), fitted(1e6), DetectionThresholds(), 60
+        [cause("joint1"), cause("joint2")], fitted(0.0), fitted(1e6), DetectionThresholds(), 60, proven
     )
     return [c.score.candidate.location for c in kept]
 
@@ -63,3 +63,12 @@ def test_a_mass_that_may_be_none_stays_where_it_is_missed(monkeypatch):
     """However well the frequency is told of a mass that is as small as it is uncertain."""
     assert left(monkeypatch, held=50.0, rest=4.0, whole=50.0) == ["joint2"]
     assert left(monkeypatch, held=50.0, rest=3900.0, whole=50.0) == ["joint1", "joint2"]
+
+
+def test_what_was_proven_beside_an_unknown_structure_stays_unless_it_may_be_nothing(monkeypatch):
+    """A delay of 47 +- 50 microseconds stayed beside a payload that it has nothing to do with."""
+    first = cause("joint1").score.candidate.key
+    eight, one = (dict.fromkeys(("held", "rest", "whole", "alone"), x) for x in (8.0, 0.9))
+    assert left(monkeypatch, **eight) == ["joint2"]
+    assert left(monkeypatch, **eight, proven={first}) == ["joint1", "joint2"]
+    assert left(monkeypatch, **one, proven={first}) == ["joint2"]
