@@ -82,7 +82,7 @@ def exchange_step(
         near.sort(key=lambda s: -s.odds(samples))
         close = aliases_of(paid, near, samples)
         if better is not None:
-            cause = Cause(own, (), own.ratio, tuple(u.name for u in less.unknowns))
+            cause = Cause(own, (), own.ratio)
         causes[i] = replace(cause, aliases=close)
     return causes, last
 

@@ -32,18 +32,17 @@ IN_PIECES = (
 ROUND = 0.02  # how near to a whole number a gain is told in words
 
 SEPARATE = {
-    frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",
-    frozenset(("force, body", "force, inertial")): "turn the spacecraft: one turns with it, one does not",
-    frozenset(("torque, body", "torque, inertial")): "turn the spacecraft: one turns with it, one does not",
-    frozenset(("actuator", "sensor")): "command a step with the sensor at rest, then move with no command",
-    frozenset(("friction", "actuator")): "hold the joint against a torque, then move it at constant rate",
-    frozenset(
-        ("inertia", "actuator")
-    ): "repeat with another pose of the arm: inertia changes, a gain does not",
-    frozenset(
-        ("external", "sensor")
-    ): "coast without commands: a force moves the spacecraft, a bias does not",
-    frozenset(("external", "actuator")): "coast without commands, then repeat with other commands",
+    frozenset(pair): how
+    for *pair, how in (
+        ("viscous", "coulomb", "move the joint at several rates, a slow one among them"),
+        ("force, body", "force, inertial", "turn the spacecraft: one turns with it, one does not"),
+        ("torque, body", "torque, inertial", "turn the spacecraft: one turns with it, one does not"),
+        ("actuator", "sensor", "command a step with the sensor at rest, then move with no command"),
+        ("friction", "actuator", "hold the joint against a torque, then move it at constant rate"),
+        ("inertia", "actuator", "repeat with another pose of the arm: inertia changes, a gain does not"),
+        ("external", "sensor", "coast without commands: a force moves the spacecraft, a bias does not"),
+        ("external", "actuator", "coast without commands, then repeat with other commands"),
+    )
 }
 
 

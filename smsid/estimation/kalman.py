@@ -179,15 +179,12 @@ def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
     sigma[model.arm_joints.v], sigma[nv + model.arm_joints.v] = 0.01, 0.01
     sigma[model.wheels.v], sigma[nv + model.wheels.v] = 1e-3, 1.0
     known = (np.arange(6 if model.free else 0), model.arm_joints.v, model.wheels.v)
-    wide = InitialPrior()
-    for b in problem.data.blocks:  # at rest for want of a reading
-        if not np.isfinite(problem.data.values[0, b.rows]).all():
-            if b.quantity == "joint_velocity":
-                sigma[nv + model.arm_joints.v] = wide.joint_rate
-            elif b.quantity == "wheel_rate":
-                sigma[nv + model.wheels.v] = wide.wheel_rate
-            elif b.quantity == "angular_rate" and model.free:
-                sigma[nv + 3 : nv + 6] = wide.rate
+    wide, bus = InitialPrior(), slice(nv + 3, nv + 6 if model.free else nv + 3)
+    rates = {"angular_rate": (bus, wide.rate), "joint_velocity": (nv + model.arm_joints.v, wide.joint_rate),
+             "wheel_rate": (nv + model.wheels.v, wide.wheel_rate)}  # fmt: skip
+    for b in problem.data.blocks:
+        if b.quantity in rates and not np.isfinite(problem.data.values[0, b.rows]).all():
+            sigma[rates[b.quantity][0]] = rates[b.quantity][1]  # at rest for want of a reading
     index = np.setdiff1d(np.arange(nv), np.concatenate(known))  # slosh, modes, and whatever else effects add
     sigma[index], sigma[nv + index] = problem.noise.hidden
     sigma[problem.locked], sigma[nv + problem.locked] = 1e-3, 1e-9

@@ -14,7 +14,7 @@ def cause(location):
     """A cause without columns."""
     own = Candidate("joint_friction", location, "friction", "viscous", None, ("friction.viscous",), (1.0,))
     nothing = np.zeros((0, 1))
-    return Cause(Score(own, 50.0, 1, nothing[0:0], nothing, 1.0, nothing, nothing), (), 50.0, ())
+    return Cause(Score(own, 50.0, 1, nothing[0:0], nothing, 1.0, nothing, nothing), (), 50.0)
 
 
 def fitted(objective):

@@ -186,7 +186,7 @@ def test_two_onsets_that_hold_each_other_up_are_dropped_together(fitted, monkeyp
     monkeypatch.setattr(onset, "evaluate", evaluated)
     (alone,), kept = always_together(with_them, late[:1], ALIAS)
     assert alone is late[0] and kept is with_them
-    causes = [Cause(s, (), 100.0, ()) for s in late]
+    causes = [Cause(s, (), 100.0) for s in late]
     kept_causes, _ = drop_onset(causes, with_them, DetectionThresholds())
     assert all(c.score.candidate.effect.start is None for c in kept_causes)
     both, dropped = always_together(with_them, late, ALIAS)
@@ -199,7 +199,7 @@ def test_an_onset_that_pays_stays_beside_one_that_does_not(monkeypatch):
 
     def stand_in(start):
         own = SimpleNamespace(key=("effect", start), effect=SimpleNamespace(start=start), start=start)
-        return Cause(SimpleNamespace(candidate=own), (), 100.0, ())
+        return Cause(SimpleNamespace(candidate=own), (), 100.0)
 
     def drop(found, score, alias):
         return (score, found) if score.candidate.start == 5.0 else (stand_in(None).score, "without")
