@@ -33,6 +33,7 @@ from smsid.model.regressor import INERTIAL_NAMES, body_names
 
 LOGGER = logging.getLogger(__name__)
 AXES = ("x", "y", "z")
+SINGLE = ("command.thruster", "command.thruster_force")  # a column a thruster
 COM = ("com.x", "com.y", "com.z")
 ROTOR = 0.05  # share of a joint's inertia that its rotor may have: standard deviation
 CARRIED = 0.5  # how far its rotor turns with the link before it, none to fully: standard deviation
@@ -279,6 +280,14 @@ def _outside(point: Point, problem: Problem) -> Iterator[Candidate]:
         yield from _one("thruster_misalignment", "thruster", "misalignment", {}, _vector("angles", 1e-3))
         late = {"actuator": "thruster"}
         yield from _one("actuator_delay", "thruster", "delay", late, {"delay": 1e-3})
+    for k, thruster in enumerate(point.description.thruster):
+        if any(np.asarray(r[c])[:, k].any() for c in SINGLE for r in flown if c in r):
+            name, own = thruster.name, {"thruster": thruster.name}
+            along = int(np.argmax(np.abs(thruster.direction)))  # turned about itself, it pushes as before
+            across = {f"angles.{a}": 1e-3 for i, a in enumerate(AXES) if i != along}
+            yield from _one("thruster_gain", name, "gain", own, {"gain": 1e-3})
+            yield from _one("thruster_misalignment", name, "misalignment", own, across)
+            yield from _one("actuator_delay", name, "delay", {"actuator": name}, {"delay": 1e-3})
     for frame in ("body", "inertial"):
         at = {"frame": frame}
         for what in ("force", "torque"):

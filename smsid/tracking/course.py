@@ -47,7 +47,7 @@ class Course:
             self.legs.append(Leg([(-np.inf, f.at.values)], np.zeros(2 * f.nv)))
 
     def enter(self, f: ParameterFilter, passed: tuple[np.ndarray, ...]) -> None:
-        """Take note of what is filtered next: edges (n,) and the rest, as `ParameterFilter.go_on` takes it."""
+        """Take note of what is filtered next, edges (n,) and the rest: see `ParameterFilter.go_on`."""
 
     def look(self, f: ParameterFilter, first: float) -> tuple[float, bool]:
         """Build models anew where parameters have moved; return when to look again, and whether they were.
