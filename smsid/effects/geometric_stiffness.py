@@ -5,22 +5,25 @@ The linear beam moves its points across their rest line only. A beam that does n
 (v, omega) the velocity of its root in its own axes and
 
     S = 1/2 eta' A eta,   A_ij = int rho (L - x) phi_i' phi_j' dx,
-    R = 1/2 eta' B eta,   B_ij = int rho (L^2 - x^2)/2 phi_i' phi_j' dx,
+    B_ij = int rho (L^2 - x^2)/2 phi_i' phi_j' dx,
 
 the kinetic energy gains
 
-    T' = -S_dot (e . v) - S v . (omega x e) - R |e x omega|^2 + P omega_x omega_z + Q omega_y,
-    P = int rho u w dx,   Q = int rho (u w_dot - w u_dot) dx,
+    T' = -S_dot (e . v) - S v . (omega x e) - R |e x omega|^2 + P omega_x omega_z + Q omega_y
+         + 1/2 int rho u_dot^2 dx,
+    P = int rho u w dx,   Q = int rho (u w_dot - w u_dot) dx,   R = 1/2 eta' B eta - 1/2 int rho u^2 dx,
 
-all that is of first order in u, with z the direction of bending; the last two are of third order in eta, and
-as large as the rest where a soft beam swings far on a root that turns and hardly accelerates. The potential
-energy of gravity g gains ``S e . g``. The equations of motion that follow (Lagrange for eta, Kirchhoff for
-the root) are added whole: on the modes the geometric stiffness ``K_g = -a A + |e x omega|^2 B`` with a the
-root's specific acceleration along e (compression when it points to the tip), what the swing adds to that, and
-on the root the reaction of the mass drawn in, so that energy and momentum, with T', are conserved.
+with z the direction of bending: nothing of u is left out. P and Q are of third order in eta and the integrals
+of u^2 of fourth, as large as the rest where a soft beam swings far. The potential energy of gravity g gains
+``S e . g``, that of bending ``1/2 E I int u''^2 dx``: the curvature of a line that keeps its length is
+``sqrt(w''^2 + u''^2)``. The equations of motion that follow (Lagrange for eta, Kirchhoff for the root) are
+added whole: on the modes the geometric stiffness ``K_g = -a A + |e x omega|^2 B`` with a the root's
+specific acceleration along e (compression when it points to the tip), inertia and spring of u, what the swing
+adds, and on the root the reaction of the mass drawn in, so that energy and momentum are conserved. The
+integrals of u^2, u_dot^2 and u''^2 are sums over the same combinations ``z_r = 1/2 eta' G_r eta``.
 
 Source: Kane, Ryan, Banerjee, J. Guidance 10 (1987) 139; Hanagud and Sarkar, J. Guidance 12 (1989) 438;
-derived here from T'.
+Crespo da Silva and Glynn, J. Struct. Mech. 6 (1978) 437; derived here from T'.
 """
 
 from __future__ import annotations
@@ -60,8 +63,6 @@ class GeometricStiffness(BeamEffect):
     def attach(self, assembly: Assembly) -> None:
         """Add the inertia of the foreshortening; raises `DescriptionError` unless it is a beam."""
         panel, beam = self.beam(assembly)
-        if self.factor == 0.0:
-            return
         assembly.add_inertia_term(Foreshortening(assembly.model, panel, beam, self.factor))
         drawn = self.factor / beam.mass * drawn_in(beam.length, beam.modes, beam.stations)
         place = assembly.appendages.index(panel)
@@ -78,6 +79,10 @@ class Foreshortening:
         self.a, self.b = factor * a, factor * b
         self.c = factor / np.sqrt(beam.mass) * deflected_moments(beam.length, beam.modes)
         self.c_flat = self.c.reshape(len(self.c), -1)  # a contraction of it takes long in this small
+        g, self.inertia, stiffness = shortenings(beam.length, beam.modes)
+        self.g = factor / np.sqrt(beam.mass) * g
+        omega = 2.0 * np.pi * beam.modal_data()[0].frequency
+        self.stiffness = stiffness * omega**2 / beam.cantilever.roots[0] ** 4
         self.parent, self.placement = panel.parent, panel.placement
         self.q = np.array([model.joints[j].idx_q for j in panel.joints])
         self.v = np.array([model.joints[j].idx_v for j in panel.joints])
@@ -103,7 +108,11 @@ class Foreshortening:
         linear, omega = velocity[:3], velocity[3:]
         a_eta, b_eta = self.a @ eta, self.b @ eta
         s, s_dot = 0.5 * eta @ a_eta, rate @ a_eta
-        r, r_dot = 0.5 * eta @ b_eta, rate @ b_eta
+        by_shape = self.g @ eta  # derivatives of the shortenings
+        shortening = 0.5 * by_shape @ eta
+        heavy = self.inertia * shortening
+        b_eta -= heavy @ by_shape
+        r, r_dot = 0.5 * (eta @ b_eta + heavy @ shortening), rate @ b_eta
         rises, sinks = self.c @ eta, (eta @ self.c_flat).reshape(n, n)  # of u by w's coordinate, of w by u's
         across, along = 0.5 * rises @ eta, sinks @ eta
         swing, p, p_dot = across - along, eta @ across, rate @ (across + along)
@@ -115,6 +124,7 @@ class Foreshortening:
         mass[3:6, 3:6] = -2.0 * r * self.across
         mass[3, 5] += p
         mass[5, 3] += p
+        mass[6:, 6:] = (self.inertia * by_shape.T) @ by_shape
         mass[0, 6:] = mass[6:, 0] = -a_eta  # the axis is the first
         mass[4, 6:] = mass[6:, 4] = swing
 
@@ -128,6 +138,7 @@ class Foreshortening:
         x, y, z = omega
         bias[3:6] += np.array([p_dot * z, rate @ by_eta @ rate, p_dot * x])
         bias[3:6] += turning @ np.array([p * z, swing @ rate, p * x])
+        bias[6:] += (self.inertia * (self.g @ rate @ rate) + self.stiffness * shortening) @ by_shape
         bias[6:] += 2.0 * y * ((rises - rises.T) @ rate) - x * z * (across + along)
         return chain.T @ mass @ chain, chain.T @ bias
 
@@ -176,3 +187,28 @@ def drawn_in(length: float, modes: int, stations: tuple[float, ...]) -> np.ndarr
         found[k] = np.einsum("x,xi,xj->ij", 0.5 * station * weights, slope, slope)
     found.setflags(write=False)
     return found
+
+
+@cache
+def shortenings(length: float, modes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return G (m, modes, modes) [1/m], inertias and stiffnesses (m,) of m = modes (modes + 1) / 2
+    shortenings.
+
+    With ``z_r = 1/2 eta' G_r eta``, D as `drawn_in` and u = 1/2 eta' D eta, of shapes of mean square one,
+    ``1/L int u^2 dx`` is the sum of inertias times z^2, and ``L^3 int u''^2 dx`` that of stiffnesses times
+    z^2: a cosine-sine decomposition of the two.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(40 + 8 * modes)
+    x = 0.5 * length * (nodes + 1.0)
+    i, j = np.triu_indices(modes)
+    share = np.sqrt(0.5 * weights)[:, None] * np.where(i == j, 1.0, 2.0)  # of a product of two coordinates
+    beam = Cantilever.with_modes(length, modes)
+    bent = np.einsum("xi,xj->xij", beam.slope(x), beam.curvature(x))
+    u, curved = share * drawn_in(length, modes, tuple(x))[:, i, j], bent + bent.transpose(0, 2, 1)
+    both = np.vstack([u, length**2 * share * curved[:, i, j]])
+    axes, size, products = np.linalg.svd(both, full_matrices=False)
+    _, cosines, turn = np.linalg.svd(axes[: len(x)], full_matrices=False)
+    found = np.zeros((len(i), modes, modes))
+    found[:, i, j] = turn @ (size[:, None] * products) / np.where(i == j, 1.0, 2.0)
+    found[:, j, i] = found[:, i, j]
+    return found, cosines**2, 1.0 - cosines**2

@@ -4,11 +4,13 @@ In the axes of the beam's root, with V = (u, w) and A the velocity and the accel
 root, the kinetic energy is that of a body without mass of moment ``-s e`` and inertia ``-2 r`` across the
 axis e and ``p`` off it, which go with the bending eta, plus terms of the rates. The body is added to the one
 that carries the beam, so that all that holds for bodies holds for it, too; `rest` is what its change in time
-and the rates add.
+and the rates add. Shortenings ``z = 1/2 eta' G eta`` have inertia and a spring of their own: the inertia
+couples the modes.
 
 Beams stand in ``root`` behind the forces, one after the other: length of the table,
 row of the body that carries it (-1: the bus), number n of modes, rotation (9,) and place (3,) of its root in
-the axes of that body, then rows (n,) and scales (n,) of its modes and the matrices A, B (n, n), C (n, n, n).
+the axes of that body, then rows (n,) and scales (n,) of its modes and the matrices A, B (n, n), C (n, n, n),
+and of m = n (n + 1) / 2 shortenings inertias (m,), stiffnesses (m,) and matrices G (m, n, n).
 """
 
 from __future__ import annotations
@@ -26,7 +28,6 @@ from smsid.kernel.spatial import (
     dot,
     matrix,
     plus,
-    put,
     six,
     three,
     times_matrix,
@@ -75,33 +76,11 @@ def told(turn, place, force, moment):
 
 
 @compiled
-def bending(root, at, angles, v, start):
-    """Return eta, its rate, A eta, B eta, A rate, B rate, ``across`` and ``along`` (n,), and C by one of
-    its coordinates: ``rises`` and ``sinks`` (n, n), as the effect has them.
-    """
+def shortenings(root, at):
+    """Return inertias and stiffnesses (m,) of a beam's shortenings, and where their matrices begin."""
     n = int(root[at + COUNT])
-    own, across = np.zeros((6, n)), np.zeros((2, n))
-    a, b = at + MODES + 2 * n, at + MODES + 2 * n + n * n
-    c = b + n * n
-    rises, sinks = np.zeros((n, n)), np.zeros((n, n))
-    for k in range(n):
-        row, scale = int(root[at + MODES + k]), root[at + MODES + n + k]
-        own[0, k], own[1, k] = scale * angles[row], scale * v[start + row]
-    for k in range(n):
-        for i in range(n):
-            own[2, k] += root[a + n * k + i] * own[0, i]
-            own[3, k] += root[b + n * k + i] * own[0, i]
-            own[4, k] += root[a + n * k + i] * own[1, i]
-            own[5, k] += root[b + n * k + i] * own[1, i]
-            for j in range(n):
-                x = root[c + n * (n * k + i) + j]
-                rises[k, i] += x * own[0, j]
-                sinks[i, j] += x * own[0, k]
-    for k in range(n):
-        for i in range(n):
-            across[0, k] += 0.5 * rises[k, i] * own[0, i]
-            across[1, k] += sinks[k, i] * own[0, i]
-    return own[0], own[1], own[2], own[3], own[4], own[5], across[0], across[1], rises, sinks
+    first, m = at + MODES + 2 * n + 2 * n * n + n * n * n, n * (n + 1) // 2
+    return root[first : first + m], root[first + m : first + 2 * m], first + 2 * m
 
 
 @compiled
@@ -111,6 +90,82 @@ def product(a, b):
     for k in range(len(a)):
         total += a[k] * b[k]
     return total
+
+
+@compiled
+def times(root, at, x):
+    """Return the product of a matrix (n, n) that stands in ``root`` and x (n,)."""
+    out = np.zeros(len(x))
+    for i in range(len(x)):
+        for j in range(len(x)):
+            out[i] += root[at + len(x) * i + j] * x[j]
+    return out
+
+
+@compiled
+def bending(root, at, angles, v, start):
+    """Return s, r, p; eta, its rate, A eta, r by eta, A rate, r by eta and time, ``across``, ``along`` (n,);
+    ``rises``, ``sinks`` and r by eta twice (n, n); and ``by_shape`` (m, n), all as the effect has them.
+    """
+    n = int(root[at + COUNT])
+    own, across = np.zeros((6, n)), np.zeros((2, n))
+    inertias, _, g = shortenings(root, at)
+    a = at + MODES + 2 * n
+    c = a + 2 * n * n
+    rises, sinks, curved = np.zeros((n, n)), np.zeros((n, n)), np.empty((n, n))
+    by_shape, square = np.zeros((len(inertias), n)), 0.0
+    for k in range(n):
+        row, scale = int(root[at + MODES + k]), root[at + MODES + n + k]
+        own[0, k], own[1, k] = scale * angles[row], scale * v[start + row]
+    for k in range(n):
+        for i in range(n):
+            curved[k, i] = root[a + n * (n + k) + i]
+            own[2, k] += root[a + n * k + i] * own[0, i]
+            own[3, k] += curved[k, i] * own[0, i]
+            own[4, k] += root[a + n * k + i] * own[1, i]
+            for j in range(n):
+                x = root[c + n * (n * k + i) + j]
+                rises[k, i] += x * own[0, j]
+                sinks[i, j] += x * own[0, k]
+    for k in range(n):
+        for i in range(n):
+            across[0, k] += 0.5 * rises[k, i] * own[0, i]
+            across[1, k] += sinks[k, i] * own[0, i]
+    for f in range(len(by_shape)):
+        by_shape[f] = times(root, g + n * n * f, own[0])
+        z, inertia = 0.5 * product(by_shape[f], own[0]), inertias[f]
+        square += inertia * z**2
+        for k in range(n):
+            own[3, k] -= inertia * z * by_shape[f, k]
+            for i in range(n):
+                bent = z * root[g + n * (n * f + k) + i] + by_shape[f, k] * by_shape[f, i]
+                curved[k, i] -= inertia * bent
+    for k in range(n):
+        own[5, k] = product(curved[k], own[1])
+    s, p = 0.5 * product(own[0], own[2]), product(own[0], across[0])
+    whole = s, 0.5 * (product(own[0], own[3]) + square), p
+    rows = own[0], own[1], own[2], own[3], own[4], own[5], across[0], across[1]
+    return whole, rows, (rises, sinks, curved, by_shape)
+
+
+@compiled
+def forces_of_shortenings(root, at, x, rate, lifts, by_shape):
+    """Return what the shortenings take (m,), with the accelerations ``lifts`` (n,) of the modes."""
+    inertias, stiffnesses, g = shortenings(root, at)
+    out, n = np.empty(len(inertias)), len(x)
+    for f in range(len(out)):
+        rise = product(times(root, g + n * n * f, rate), rate) + product(by_shape[f], lifts)
+        out[f] = inertias[f] * rise + 0.5 * stiffnesses[f] * product(by_shape[f], x)
+    return out
+
+
+@compiled
+def accelerations_of_modes(root, at, vdot, start):
+    """Return the accelerations (n,) of a beam's modes."""
+    out = np.empty(int(root[at + COUNT]))
+    for k in range(len(out)):
+        out[k] = root[at + MODES + len(out) + k] * vdot[start + int(root[at + MODES + k])]
+    return out
 
 
 @compiled
@@ -143,7 +198,7 @@ def add_beams(tree, root, angles, v, vdot, work):
     """Add the beams to forces and inertias of the bodies that carry them, after these are filled.
 
     Of every mode, ``work[11]`` gets what its acceleration does to the root, a wrench (6,) about the bus's
-    origin, and the generalised force that it takes itself.
+    origin, the generalised force that it takes itself, and what is more of its row of the mass matrix.
     """
     turns, places, _, velocities, accelerations, forces, inertias = work[:7]
     extra, count = work[11], len(tree)
@@ -153,25 +208,34 @@ def add_beams(tree, root, angles, v, vdot, work):
         n, row = int(root[at + COUNT]), int(root[at + ROW])
         on = row if row >= 0 else count
         turn, place = frame(tree, root, at, turns, places)
-        x, rate, ax, bx, av, _, across, along, rises, sinks = bending(root, at, angles, v, start)
+        whole, bent, (rises, sinks, _, by_shape) = bending(root, at, angles, v, start)
+        x, rate, ax, bx, av, _, across, along = bent
         velocity, spin = three(velocities[on], 0), three(velocities[on], 3)
         lift, turning = three(accelerations[on], 0), three(accelerations[on], 3)
         u, w = seen(turn, place, velocity, spin)
         a, alpha = seen(turn, place, lift, turning)
         pull, swung, momentum = product(rate, av), 0.0, 0.0
+        lifts = accelerations_of_modes(root, at, vdot, start)
+        taken = forces_of_shortenings(root, at, x, rate, lifts, by_shape)
+        own_inertia = shortenings(root, at)[0]
         for k in range(n):
             i, scale = int(root[at + MODES + k]), root[at + MODES + n + k]
-            swing, acceleration = across[k] - along[k], scale * vdot[start + i]
-            pull += ax[k] * acceleration
-            swung += swing * acceleration
+            swing = across[k] - along[k]
+            pull += ax[k] * lifts[k]
+            swung += swing * lifts[k]
             momentum += swing * rate[k]
             f, m = told(turn, place, (-scale * ax[k], 0.0, 0.0), (0.0, scale * swing, 0.0))
-            put(extra[i], f, m)
+            for c in range(3):
+                extra[i, c] += f[c]
+                extra[i, 3 + c] += m[c]
             slip = 0.0
             for j in range(n):
                 slip += (rises[k, j] - rises[j, k]) * rate[j]
-            extra[i, 6] = scale * (
-                swing * alpha[1]
+                shared = product(by_shape[:, k], own_inertia * by_shape[:, j])
+                extra[i, 7 + int(root[at + MODES + j])] += scale * root[at + MODES + n + j] * shared
+            extra[i, 6] += scale * (
+                product(by_shape[:, k], taken)
+                + swing * alpha[1]
                 - ax[k] * (a[0] + w[1] * u[2] - w[2] * u[1])
                 + (w[1] ** 2 + w[2] ** 2) * bx[k]
                 + 2.0 * w[1] * slip
@@ -182,13 +246,12 @@ def add_beams(tree, root, angles, v, vdot, work):
             w, pull, product(rate, ax), product(rate, bx), p_rate, momentum, swung - form(sinks, rate)
         )
         f, m = told(turn, place, f, m)
-        moment, inertia = body(0.5 * product(x, ax), 0.5 * product(x, bx), product(x, across))
+        moment, inertia = body(whole[0], whole[1], whole[2])
         moment, inertia = about_origin(0.0, times_vector(turn, moment), turned_inertia(turn, inertia), place)
-        whole = inertias[on]
         for c in range(3):
-            whole[1 + c] += moment[c]
+            inertias[on, 1 + c] += moment[c]
         for c in range(6):
-            whole[4 + c] += inertia[c]
+            inertias[on, 4 + c] += inertia[c]
         own, about = bearing_force(0.0, moment, inertia, velocity, spin, lift, turning)
         for c in range(3):
             forces[on, c] += f[c] + own[c]
@@ -222,7 +285,8 @@ def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, wo
         n, row = int(root[at + COUNT]), int(root[at + ROW])
         on = row if row >= 0 else count
         turn, place = frame(tree, root, at, turns, places)
-        _, rate, ax, bx, av, bv, across, along, rises, sinks = bending(root, at, angles, v, start)
+        _, bent, (rises, sinks, curvature, by_shape) = bending(root, at, angles, v, start)
+        x, rate, ax, bx, av, bv, across, along = bent
         here, bus = six(velocities[on], 0), six(velocities[count], 0)
         u, w = seen(turn, place, three(velocities[on], 0), three(velocities[on], 3))
         a, alpha = seen(turn, place, three(accelerations[on], 0), three(accelerations[on], 3))
@@ -281,16 +345,18 @@ def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, wo
                 c += 1
         # by the bending and its rate
         first_a = at + MODES + 2 * n
-        first_b, first_c = first_a + n * n, first_a + 2 * n * n
+        first_c = first_a + 2 * n * n
+        inertias, stiffnesses, first_g = shortenings(root, at)
+        lifts = accelerations_of_modes(root, at, vdot, start)
+        taken = forces_of_shortenings(root, at, x, rate, lifts, by_shape)
         for k in range(n):
             column, scale = start + int(root[at + MODES + k]), root[at + MODES + n + k]
             pull, swung, q, p_by, spun = 0.0, 0.0, 0.0, 0.0, 0.0
             for i in range(n):
-                acceleration = root[at + MODES + n + i] * vdot[start + int(root[at + MODES + i])]
                 by_eta = rises[i, k] - rises[k, i] - sinks[i, k]
                 curved = rises[i, k] + rises[k, i] + sinks[i, k]
-                pull += root[first_a + n * i + k] * acceleration
-                swung += by_eta * acceleration
+                pull += root[first_a + n * i + k] * lifts[i]
+                swung += by_eta * lifts[i]
                 spun += by_eta * rate[i]
                 p_by += curved * rate[i]
                 slid = 0.0
@@ -302,10 +368,17 @@ def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, wo
                 modes[i] = scale * (
                     by_eta * alpha[1]
                     - root[first_a + n * i + k] * straight
-                    + (w[1] ** 2 + w[2] ** 2) * root[first_b + n * i + k]
+                    + (w[1] ** 2 + w[2] ** 2) * curvature[i, k]
                     + 2.0 * w[1] * slid
                     - w[0] * w[2] * curved
                 )
+            for f in range(len(taken)):
+                pulled = (
+                    inertias[f] * times(root, first_g + n * n * f, lifts)[k] + stiffnesses[f] * by_shape[f, k]
+                )
+                for i in range(n):
+                    bent_by = root[first_g + n * (n * f + i) + k] * taken[f]
+                    modes[i] += scale * (bent_by + by_shape[f, i] * pulled)
             moment, inertia = body(ax[k], bx[k], gone[k])
             f, m = bearing_force(0.0, moment, inertia, u, w, a, alpha)
             g, o = rest(w, pull, av[k], bv[k], p_by, spun, swung - q)
@@ -313,11 +386,15 @@ def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, wo
             put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, by_q)
             for i in range(n):
                 modes[i] = 2.0 * scale * w[1] * (rises[i, k] - rises[k, i])
+            for f in range(len(taken)):
+                pulled = inertias[f] * times(root, first_g + n * n * f, rate)[k]
+                for i in range(n):
+                    modes[i] += 2.0 * scale * by_shape[f, i] * pulled
             g, o = rest(w, 2.0 * av[k], ax[k], bx[k], gone[k], swing[k], -2.0 * product(sinks[k], rate))
             wrench = plus(ZERO, scale, g), plus(ZERO, scale, o)
             put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, by_v)
             for i in range(n):
-                modes[i] = 0.0
+                modes[i] = scale * product(by_shape[:, i], inertias * by_shape[:, k])
             wrench = (-scale * ax[k], 0.0, 0.0), (0.0, scale * swing[k], 0.0)
             put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, mass)
             for i in range(column):  # what carries a mode comes before it
