@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.filter_run import FilterRun, log_likelihoods
 from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.normal_equations import (
@@ -94,12 +94,12 @@ def _term(point: Point, flight: Flight, ends: Ends, before: Term) -> Term:
     count, which = len(flight.problem.data.times), [i for i, *_ in ends]
     for first in range(0, count, CHUNK):
         here = middle.advance(CHUNK)
-        likely = _log_likelihoods(here)
+        likely = _likelihoods(here)
         columns, scores = [], np.empty((len(likely), len(ends)))
         for k, (kalman, (*_, width)) in enumerate(zip(filters, ends, strict=True)):
             there = kalman.advance(CHUNK)
             columns.append(_column(here, there, width))
-            scores[:, k] = (_log_likelihoods(there) - likely) / width
+            scores[:, k] = (_likelihoods(there) - likely) / width
         flat = np.array(columns)
         gram[np.ix_(which, which)] += flat @ flat.T
         places = np.arange(first, first + len(likely)) * BLOCKS // count
@@ -120,16 +120,14 @@ def _column(here: FilterRun, there: FilterRun, width: float) -> np.ndarray:
     ratio = np.matmul(there.whitening + unused, np.linalg.inv(here.whitening + unused)) - np.eye(
         unused.shape[1]
     )
+    ratio[:, here.given] = 0.0
     spread = (ratio + ratio.transpose(0, 2, 1)) * np.sqrt(0.5)
-    moved = np.einsum("nij,nj->ni", here.whitening, errors)
+    moved = np.einsum("nij,nj->ni", here.whitening, errors) * ~here.given
     return np.concatenate([moved.ravel(), spread.ravel()]) / width
 
 
-def _log_likelihoods(run: FilterRun) -> np.ndarray:
-    """Return the log-likelihood of each sample (N,), without constants."""
-    diagonal = np.einsum("nii->ni", run.whitening)
-    logs = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)
-    return logs - 0.5 * np.einsum("ni,ni->n", run.innovations, run.innovations)
+def _likelihoods(run: FilterRun) -> np.ndarray:
+    return log_likelihoods(run.innovations, run.whitening, run.given)
 
 
 def _filter(point: Point, flight: Flight) -> KalmanFilter:

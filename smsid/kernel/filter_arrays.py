@@ -98,7 +98,8 @@ class State(NamedTuple):
 
 class Samples(NamedTuple):
     """What was read: values (n, rows), attitudes (n, a, 4), what is there (n, rows), variances (rows,), and
-    how many ``corrections`` are made; ``edges`` are the times and, where one follows, the next.
+    how many ``corrections`` are made; ``edges`` are the times and, where one follows, the next. Rows are
+    whitened in ``order`` (rows,), each for what those before it do not tell.
     """
 
     edges: np.ndarray
@@ -107,6 +108,7 @@ class Samples(NamedTuple):
     there: np.ndarray
     variance: np.ndarray
     corrections: int
+    order: np.ndarray
 
 
 class Record(NamedTuple):
