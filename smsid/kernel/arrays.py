@@ -49,20 +49,20 @@ class Force(Protocol):
 @runtime_checkable
 class Beam(Protocol):
     """A beam that grows shorter as it bends: the joint that carries it and where, places of its modes in v
-    with their scales (n,), matrices a, b (n, n), c (n, n, n), and of m = n (n + 1) / 2 shortenings inertias,
-    stiffnesses (m,) and matrices g (m, n, n).
+    with their scales (n,), and of N points along it masses, places x and stiffnesses (N,), shapes (N, n) and
+    the matrices of how far they are drawn in and of its curvature (N, n, n).
     """
 
     parent: int
     placement: pin.SE3
     v: np.ndarray
     scale: np.ndarray
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    inertia: np.ndarray
+    mass: np.ndarray
+    x: np.ndarray
     stiffness: np.ndarray
-    g: np.ndarray
+    shape: np.ndarray
+    drawn: np.ndarray
+    curved: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -134,11 +134,11 @@ def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray
     turn = own.bodies[row, c.ROTATION : c.ROTATION + 9].reshape(3, 3) if still else np.eye(3)
     place = beam.placement
     placed = np.r_[(turn @ place.rotation).ravel(), turn @ place.translation]
-    numbers = [placed, beam.v - start, beam.scale, beam.a, beam.b, beam.c]
-    numbers += [beam.inertia, beam.stiffness, beam.g]
+    numbers = [placed, beam.v - start, beam.scale, beam.mass, beam.x, beam.stiffness]
+    numbers += [beam.shape, beam.drawn, beam.curved]
     own.tree[beam.v[1:] - start, c.COUPLED] = beam.v[:-1] - start
     table = np.concatenate([np.ravel(x) for x in numbers])
-    return np.r_[len(table) + 3.0, max(row, -1.0), len(beam.v), table]
+    return np.r_[len(table) + 4.0, max(row, -1.0), len(beam.v), len(beam.x), table]
 
 
 def tree_of(m: pin.Model, free: bool, *, balanced: bool = True) -> Kernel | None:
