@@ -17,11 +17,13 @@ import numpy as np
 from smsid.estimation.filter_run import FilterRun, log_likelihoods
 from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
+from smsid.estimation.loosening import thinned
 from smsid.estimation.normal_equations import (
     BLOCKS,
     CHUNK,
     NormalEquations,
     Term,
+    normal_equations,
     prior_offset,
     problem_at,
 )
@@ -48,18 +50,33 @@ def differenced(found: NormalEquations, flights: Sequence[Flight]) -> NormalEqua
 def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
     """Whether slope and curvature by the effects' parameters are, about, those by differences.
 
-    Raises `SimulationError` where a filter loses its recording.
+    Where they are of fewer samples, all are not asked. Raises `SimulationError` where a filter loses its
+    recording.
     """
     which = [i for i, u in enumerate(found.unknowns) if u.kind == "effect"]
     if not which:
         return True
+    fewer = [thinned(f) for f in flights]
+    counts = [sum(len(f.problem.data.times) for f in x) for x in (flights, fewer)]
+    if counts[1] < counts[0]:
+        here = normal_equations(found.point, found.unknowns, fewer)
+        if _apart(here, fewer, which, np.sqrt(counts[0] / counts[1])) < ALIKE:
+            return True
+    return _apart(found, flights, which, 1.0) < ALIKE
+
+
+def _apart(found: NormalEquations, flights: Sequence[Flight], which: Sequence[int], more: float) -> float:
+    """Return by how much the square roots of curvatures, in theirs, and the slopes differ at most.
+
+    Slopes in standard deviations, ``more`` times as large as of these samples.
+    """
     ends = _ends(found, which)
     exact = [_term(found.point, f, ends, t) for f, t in zip(flights, found.terms, strict=True)]
     before, now = (np.sum([np.diag(t.gram)[which] for t in x], axis=0) for x in (found.terms, exact))
     tilt, tilt_now = (np.sum([t.slope[which] for t in x], axis=0) for x in (found.terms, exact))
     size = np.sqrt(np.diag(found.gram)[which])
-    apart = np.abs(np.sqrt(before) - np.sqrt(now)) / size, np.abs(tilt - tilt_now) / size
-    return bool(max(x.max() for x in apart) < ALIKE)
+    apart = np.abs(np.sqrt(before) - np.sqrt(now)) / size, more * np.abs(tilt - tilt_now) / size
+    return float(max(x.max() for x in apart))
 
 
 Ends = list[tuple[int, Point, float]]
