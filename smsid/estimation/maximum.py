@@ -62,7 +62,7 @@ def _climb(
     tell: Tell | None,
     at: Callable[[NormalEquations], NormalEquations],
 ) -> tuple[NormalEquations, list[NormalEquations]]:
-    """Return the last and all normal equations on the way up, which ``at`` makes of those along the states."""
+    """Return the last and all normal equations on the way up, as ``at`` makes them of those along states."""
     visited, stalled, radius = [found], 0, np.inf
     for i in range(iterations):
         gain = predicted_gain(found, bounded_step(found))
