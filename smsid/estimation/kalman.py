@@ -12,11 +12,7 @@ from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import Applied, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs, log_likelihoods
 from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
-from smsid.estimation.problem import (
-    Problem,
-    recordings_of,
-    walks_of,
-)
+from smsid.estimation.problem import Problem, recordings_of, walks_of
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel.filter_arrays import Samples, State
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
