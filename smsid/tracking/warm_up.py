@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from smsid.estimation.flight import Flight
 from smsid.estimation.identify_flights import _search
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Timing
+from smsid.tracking.followed_parameters import Followed
 from smsid.tracking.tracker import Tracker
 
 LOGGER = logging.getLogger(__name__)
@@ -19,36 +21,44 @@ LOGGER = logging.getLogger(__name__)
 
 def linearise_by_search(
     tracker: Tracker, described: Point, flight: Flight, seconds: float
-) -> tuple[Timing, list[str]]:
+) -> tuple[tuple[Timing, float], list[str]]:
     """Linearise a tracker about the most likely parameters of a flight's first seconds.
 
-    Returns how commands act by that, and notes. Only the point of linearisation changes: means and
-    covariances stay what they are.
+    Returns how commands act by that and the steps that it takes [s], and notes. Only the point of
+    linearisation changes: means and covariances stay what they are.
     """
     f = tracker.filter
-    begun = _beginning(flight, seconds)
+    begun = _beginning(flight, seconds, f.followed)
     unknowns = []
-    for x, mean, sigma in zip(f.followed, f.values, f.sigmas(), strict=True):
+    sought = [i for i, x in enumerate(f.followed) if x.of < 0]
+    for i in sought:
+        x, mean, sigma = f.followed[i], f.values[i], f.sigmas()[i]
         name = f"{flight.label}: {x.name}" if x.unknown.kind == "bias" else x.name
         unknowns.append(replace(x.unknown, name=name, nominal=float(mean), sigma=float(sigma)))
     try:
         found, taken, _ = _search(described, unknowns, [begun], None)
     except SmsidError as error:
         LOGGER.info("no warm-up: %s", error)
-        return flight.problem.timing, [
+        return (flight.problem.timing, flight.problem.substep), [
             f"the search over the first {seconds:.4g} s did not come to rest: models begin at the "
             "description's values, and bands may be too narrow at first"
         ]
-    values = np.array([found.point.value(u) for u in unknowns])
-    sigmas = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
+    values, sigmas = f.values.copy(), f.sigmas()
+    values[sought] = [found.point.value(u) for u in unknowns]
+    sigmas[sought] = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
     f.linearise_at(values, sigmas)
-    return taken[0].problem.timing, []
+    return (taken[0].problem.timing, taken[0].problem.substep), []
 
 
-def _beginning(flight: Flight, seconds: float) -> Flight:
-    """Return the first seconds of a flight."""
+def _beginning(flight: Flight, seconds: float, followed: Sequence[Followed]) -> Flight:
+    """Return the first seconds of a flight; to a search for one value, a bias that wanders is noise."""
     data = flight.problem.data
     n = int(np.searchsorted(data.times, data.times[0] + seconds, side="right"))
     attitude = {name: q[:n] for name, q in data.attitude.items()}
-    cut = replace(data, times=data.times[:n], values=data.values[:n], attitude=attitude)
+    sigma, duration = data.sigma.copy(), float(np.ptp(data.times[:n]))
+    for block in data.blocks:
+        own = [x.rate for x in followed if x.name.startswith(f"{block.channel}.bias.")]
+        about_its_mean = max(own, default=0.0) * np.sqrt(duration / 6.0)  # rms of a walk
+        sigma[block.rows] = np.hypot(sigma[block.rows], about_its_mean)
+    cut = replace(data, times=data.times[:n], values=data.values[:n], attitude=attitude, sigma=sigma)
     return replace(flight, problem=replace(flight.problem, data=cut))
