@@ -54,7 +54,10 @@ class FilterRun:
 
 
 def log_likelihoods(innovations: np.ndarray, whitening: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """Return the log-likelihood of each sample (N,) beside the rows ``given``, without constants."""
+    """Return the log-likelihood of each sample (N,) beside the rows ``given`` (rows,), without constants.
+
+    Of ``innovations`` (N, rows) by their ``whitening`` (N, rows, rows), both zero where nothing was read.
+    """
     diagonal = np.einsum("nii->ni", whitening)[:, ~given]
     logs = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)
     return logs - 0.5 * (innovations[:, ~given] ** 2).sum(axis=1)
