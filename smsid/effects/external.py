@@ -121,11 +121,10 @@ class _Tide:
     """The `ForceTerm` of a gravity gradient.
 
     How it depends on the state is left out: a stiffness of a few times the gradient per inertia, which
-    takes an orbit's hour to show. It is ``slow``: over a step of a filter it hardly changes.
+    takes an orbit's hour to show.
     """
 
     depends: ClassVar[Depends] = ((), ())
-    slow: ClassVar[bool] = True
 
     def __init__(self, model: pin.Model, effect: GravityGradient) -> None:
         self.pin, self.gradient, self.rate = model, effect.gradient, effect.rate

@@ -1,26 +1,17 @@
 """A beam that shortens as it bends: softer under acceleration towards its tip, stiffer when it rotates.
 
-The linear beam moves its points across their rest line only. A beam that does not stretch draws them in by
-``u(x) = 1/2 int_0^x w'^2``. To second order in the deflection w = sum phi_k eta_k, with e the beam's axis,
-(v, omega) the velocity of its root in its own axes and
-
-    S = 1/2 eta' A eta,   A_ij = int rho (L - x) phi_i' phi_j' dx,
-    R = 1/2 eta' B eta,   B_ij = int rho (L^2 - x^2)/2 phi_i' phi_j' dx,
-
-the kinetic energy gains
-
-    T' = -S_dot (e . v) - S v . (omega x e) - R |e x omega|^2 + P omega_x omega_z + Q omega_y,
-    P = int rho u w dx,   Q = int rho (u w_dot - w u_dot) dx,
-
-all that is of first order in u, with z the direction of bending; the last two are of third order in eta, and
-as large as the rest where a soft beam swings far on a root that turns and hardly accelerates. The potential
-energy of gravity g gains ``S e . g``. The equations of motion that follow (Lagrange for eta, Kirchhoff for
-the root) are added whole: on the modes the geometric stiffness ``K_g = -a A + |e x omega|^2 B`` with a the
-root's specific acceleration along e (compression when it points to the tip), what the swing adds to that, and
-on the root the reaction of the mass drawn in, so that energy and momentum, with T', are conserved.
+The linear beam moves its points across their rest line only. One that does not stretch draws them in by
+``u(x) = 1/2 int_0^x w'^2``, w = sum phi_k eta_k the deflection, so that they move on curves: nothing of u is
+left out of their kinetic energy and of gravity's potential. The curvature of a line that keeps its length is
+``sqrt(w''^2 + u''^2)``: that takes ``1/2 E I int u''^2 dx`` beside the modes' energy. What point masses along
+the beam have more than those that do not move along is added to mass matrix and nonlinear effects, so that
+energy and momentum are conserved. To second order in eta it is on the modes the geometric stiffness
+``K_g = -a A + |e x omega|^2 B``, with e the beam's axis, a the root's specific acceleration along it
+(compression when it points to the tip), ``A_ij = int rho (L - x) phi_i' phi_j' dx`` and
+``B_ij = int rho (L^2 - x^2)/2 phi_i' phi_j' dx``.
 
 Source: Kane, Ryan, Banerjee, J. Guidance 10 (1987) 139; Hanagud and Sarkar, J. Guidance 12 (1989) 438;
-derived here from T'.
+Crespo da Silva and Glynn, J. Struct. Mech. 6 (1978) 437.
 """
 
 from __future__ import annotations
@@ -38,8 +29,6 @@ from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import physical, register
 from smsid.effects.mode import Cantilever
 from smsid.effects.spatial import Motion
-
-AXIS = np.array([1.0, 0.0, 0.0])  # of a beam appendage, in its own axes
 
 
 @register
@@ -60,8 +49,6 @@ class GeometricStiffness(BeamEffect):
     def attach(self, assembly: Assembly) -> None:
         """Add the inertia of the foreshortening; raises `DescriptionError` unless it is a beam."""
         panel, beam = self.beam(assembly)
-        if self.factor == 0.0:
-            return
         assembly.add_inertia_term(Foreshortening(assembly.model, panel, beam, self.factor))
         drawn = self.factor / beam.mass * drawn_in(beam.length, beam.modes, beam.stations)
         place = assembly.appendages.index(panel)
@@ -70,14 +57,19 @@ class GeometricStiffness(BeamEffect):
 
 
 class Foreshortening:
-    """The `InertiaTerm` of a beam that shortens as it bends."""
+    """The `InertiaTerm` of a beam that shortens as it bends, by ``4 + 4 modes`` points of Gauss along it."""
 
     def __init__(self, model: pin.Model, panel: AppendageJoints, beam: BeamAppendage, factor: float) -> None:
-        a, b = foreshortening_matrices(beam.length, beam.modes)
+        nodes, weights = np.polynomial.legendre.leggauss(4 + 4 * beam.modes)
+        self.x, shapes = 0.5 * beam.length * (nodes + 1.0), beam.cantilever
+        omega = 2.0 * np.pi * beam.modal_data()[0].frequency
+        bending = beam.linear_density * omega**2 * (beam.length / shapes.roots[0]) ** 4  # E I [N m^2]
+        self.mass, self.stiffness = 0.5 * beam.mass * weights, 0.5 * beam.length * bending * weights
         # shapes are normalised to mean square 1: mass-normalised ones are these over sqrt(mass)
-        self.a, self.b = factor * a, factor * b
-        self.c = factor / np.sqrt(beam.mass) * deflected_moments(beam.length, beam.modes)
-        self.c_flat = self.c.reshape(len(self.c), -1)  # a contraction of it takes long in this small
+        self.shape = shapes.shape(self.x) / np.sqrt(beam.mass)
+        self.drawn = factor / beam.mass * drawn_in(beam.length, beam.modes, tuple(self.x))
+        both = factor / beam.mass * np.einsum("xi,xj->xij", shapes.slope(self.x), shapes.curvature(self.x))
+        self.curved = both + both.transpose(0, 2, 1)
         self.parent, self.placement = panel.parent, panel.placement
         self.q = np.array([model.joints[j].idx_q for j in panel.joints])
         self.v = np.array([model.joints[j].idx_v for j in panel.joints])
@@ -88,81 +80,38 @@ class Foreshortening:
         # on a bus without weight, it matters neither where that is nor what the arm does
         alone = self.motion.root and self.motion.still
         self.depends = (self.v, np.r_[:6, self.v]) if alone else None
-        self.cross = pin.skew(AXIS)
-        self.across = np.eye(3) - np.outer(AXIS, AXIS)
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
         jacobian, velocity, drift = self.motion.at(q, v)
         velocity, drift = self.to_root @ velocity, self.to_root @ drift
-        n = len(self.v)
-        chain = np.zeros((6 + n, len(v)))  # from v to root velocity and modal rates
+        chain = np.zeros((6 + len(self.v), len(v)))  # from v to root velocity and modal rates
         chain[:6] = self.to_root @ jacobian
         chain[self.rows, self.v] = self.scale
         eta, rate = self.scale * q[self.q], self.scale * v[self.v]
-        linear, omega = velocity[:3], velocity[3:]
-        a_eta, b_eta = self.a @ eta, self.b @ eta
-        s, s_dot = 0.5 * eta @ a_eta, rate @ a_eta
-        r, r_dot = 0.5 * eta @ b_eta, rate @ b_eta
-        rises, sinks = self.c @ eta, (eta @ self.c_flat).reshape(n, n)  # of u by w's coordinate, of w by u's
-        across, along = 0.5 * rises @ eta, sinks @ eta
-        swing, p, p_dot = across - along, eta @ across, rate @ (across + along)
-        by_eta = rises - rises.T - sinks  # derivatives of swing
-
-        mass = np.zeros((6 + n, 6 + n))
-        mass[:3, 3:6] = s * self.cross
-        mass[3:6, :3] = -s * self.cross
-        mass[3:6, 3:6] = -2.0 * r * self.across
-        mass[3, 5] += p
-        mass[5, 3] += p
-        mass[0, 6:] = mass[6:, 0] = -a_eta  # the axis is the first
-        mass[4, 6:] = mass[6:, 4] = swing
-
-        turning = pin.skew(omega)
-        turned, drawn, flat = turning[:, 0], turning @ linear, self.across @ omega
-        bias = mass[:, :6] @ drift  # that holds the weight: gravity acts like the opposite acceleration
-        bias[:3] -= 2.0 * s_dot * turned + s * (turning @ turned)
-        bias[0] -= rate @ self.a @ rate
-        bias[3:6] -= s * (self.cross @ drawn) + 2.0 * r_dot * flat + 2.0 * r * (turning @ flat)
-        bias[6:] += (turned @ turned) * b_eta - drawn[0] * a_eta
-        x, y, z = omega
-        bias[3:6] += np.array([p_dot * z, rate @ by_eta @ rate, p_dot * x])
-        bias[3:6] += turning @ np.array([p * z, swing @ rate, p * x])
-        bias[6:] += 2.0 * y * ((rises - rises.T) @ rate) - x * z * (across + along)
+        spin = pin.skew(velocity[3:])
+        lift = (
+            drift[:3] + spin @ velocity[:3]
+        )  # holds the weight: gravity acts like the opposite acceleration
+        by_eta, by_rate, bent = self.drawn @ eta, self.drawn @ rate, self.curved @ eta
+        place, off = np.zeros((2, len(self.x), 3))  # of points that are not drawn in, and how far those are
+        place[:, 0], place[:, 2], off[:, 0] = self.x, self.shape @ eta, -0.5 * by_eta @ eta
+        plain, more = np.zeros((2, len(self.x), 3, 6 + len(eta)))
+        plain[:, :, :3], plain[:, 2, 6:], more[:, 0, 6:] = np.eye(3), self.shape, -by_eta
+        accelerations = []
+        for moved, at in ((plain, place), (more, off)):
+            moved[:, :, 3:6] = [-pin.skew(p) for p in at]
+            swing = moved[:, :, 3:6] @ drift[3:] + at @ (spin @ spin).T
+            accelerations.append(swing + 2.0 * (moved[:, :, 6:] @ rate) @ spin.T)
+        own, gained = accelerations
+        own += lift
+        gained[:, 0] -= by_rate @ rate
+        heavy, light = (self.mass[:, None, None] * x for x in (plain, more))
+        points = (0, 1), (0, 1)
+        mass = np.tensordot(light, plain + more, points) + np.tensordot(heavy, more, points)
+        bias = np.tensordot(light, own + gained, points) + np.tensordot(heavy, gained, points)
+        bias[6:] += 0.5 * (self.stiffness * (bent @ eta)) @ bent
         return chain.T @ mass @ chain, chain.T @ bias
-
-
-@cache
-def foreshortening_matrices(length: float, modes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return A [1] and B [m] (modes, modes) for mass-normalised modal coordinates, by Gauss quadrature.
-
-    With shapes of mean square one, rho = mass / L and eta mass-normalised, the mass drops out:
-    ``A_ij = 1/L int (L - x) phi_i' phi_j' dx`` [1/m], ``B_ij = 1/L int (L^2 - x^2)/2 phi_i' phi_j' dx``.
-    """
-    beam = Cantilever.with_modes(length, modes)
-    nodes, weights = np.polynomial.legendre.leggauss(40 + 8 * modes)
-    x, w = 0.5 * length * (nodes + 1.0), 0.5 * weights  # of the mean over the length
-    slope = beam.slope(x)
-    a = np.einsum("x,xi,xj->ij", w * (length - x), slope, slope)
-    b = np.einsum("x,xi,xj->ij", w * (length**2 - x**2) / 2.0, slope, slope)
-    a.setflags(write=False)
-    b.setflags(write=False)
-    return a, b
-
-
-@cache
-def deflected_moments(length: float, modes: int) -> np.ndarray:
-    """Return C (modes, modes, modes) [1/m], ``C_kij = 1/L int phi_k D_ij dx`` with D as `drawn_in`.
-
-    With shapes of mean square one and eta mass-normalised, int rho u w dx is ``1/2 C eta eta eta`` over the
-    root of the mass.
-    """
-    beam = Cantilever.with_modes(length, modes)
-    nodes, weights = np.polynomial.legendre.leggauss(40 + 8 * modes)
-    x = 0.5 * length * (nodes + 1.0)
-    found = np.einsum("x,xk,xij->kij", 0.5 * weights, beam.shape(x), drawn_in(length, modes, tuple(x)))
-    found.setflags(write=False)
-    return found
 
 
 @cache

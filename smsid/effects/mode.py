@@ -159,6 +159,13 @@ class Cantilever:
         grow, decay = self._parts(beta_x)
         return (grow - decay + np.sin(beta_x) + self._sigma * np.cos(beta_x)) * self.roots / self.length
 
+    def curvature(self, x: np.ndarray | float) -> np.ndarray:
+        """Return the second derivative of the mode shapes at x [m]: (..., modes) [1/m^2]."""
+        beta_x = np.asarray(x, dtype=float)[..., None] / self.length * self.roots
+        grow, decay = self._parts(beta_x)
+        bent = grow + decay + np.cos(beta_x) - self._sigma * np.sin(beta_x)
+        return bent * (self.roots / self.length) ** 2
+
     def _parts(self, beta_x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what grows and what decays of cosh - s sinh, 1 - s written without the difference.
 

@@ -14,14 +14,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.filter_run import FilterRun, log_likelihoods
 from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
+from smsid.estimation.loosening import thinned
 from smsid.estimation.normal_equations import (
     BLOCKS,
     CHUNK,
     NormalEquations,
     Term,
+    normal_equations,
     prior_offset,
     problem_at,
 )
@@ -48,28 +50,40 @@ def differenced(found: NormalEquations, flights: Sequence[Flight]) -> NormalEqua
 def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
     """Whether slope and curvature by the effects' parameters are, about, those by differences.
 
-    Raises `SimulationError` where a filter loses its recording.
+    All samples are asked about parameters of which fewer do not say so. Raises `SimulationError` where a
+    filter loses its recording.
     """
-    which = [i for i, u in enumerate(found.unknowns) if u.kind == "effect"]
-    if not which:
-        return True
+    which = np.array([i for i, u in enumerate(found.unknowns) if u.kind == "effect"], dtype=int)
+    fewer = [thinned(f) for f in flights]
+    counts = [sum(len(f.problem.data.times) for f in x) for x in (flights, fewer)]
+    if len(which) and counts[1] < counts[0]:
+        here = normal_equations(found.point, found.unknowns, fewer)
+        which = which[_apart(here, fewer, which, np.sqrt(counts[0] / counts[1])) >= ALIKE]
+    return not len(which) or bool(_apart(found, flights, which, 1.0).max() < ALIKE)
+
+
+def _apart(found: NormalEquations, flights: Sequence[Flight], which: np.ndarray, more: float) -> np.ndarray:
+    """Return by how much roots of curvatures, in theirs, and slopes by ``which`` (k,) differ at most (k,).
+
+    Slopes in standard deviations, ``more`` times as large as of these samples.
+    """
     ends = _ends(found, which)
     exact = [_term(found.point, f, ends, t) for f, t in zip(flights, found.terms, strict=True)]
     before, now = (np.sum([np.diag(t.gram)[which] for t in x], axis=0) for x in (found.terms, exact))
     tilt, tilt_now = (np.sum([t.slope[which] for t in x], axis=0) for x in (found.terms, exact))
     size = np.sqrt(np.diag(found.gram)[which])
-    apart = np.abs(np.sqrt(before) - np.sqrt(now)) / size, np.abs(tilt - tilt_now) / size
-    return bool(max(x.max() for x in apart) < ALIKE)
+    return np.maximum(np.abs(np.sqrt(before) - np.sqrt(now)), more * np.abs(tilt - tilt_now)) / size
 
 
 Ends = list[tuple[int, Point, float]]
 """Unknown, the point a step away in it, and the step in its scales: infinite where it has no room."""
 
 
-def _ends(found: NormalEquations, which: Sequence[int]) -> Ends:
+def _ends(found: NormalEquations, which: Sequence[int] | np.ndarray) -> Ends:
     size = np.sqrt(np.diag(found.gram))
     return [
-        (i, *_end(found.point, found.unknowns, i, STEP / (size[i] if size[i] > 0.0 else 1.0))) for i in which
+        (int(i), *_end(found.point, found.unknowns, i, STEP / (size[i] if size[i] > 0.0 else 1.0)))
+        for i in which
     ]
 
 
@@ -94,12 +108,12 @@ def _term(point: Point, flight: Flight, ends: Ends, before: Term) -> Term:
     count, which = len(flight.problem.data.times), [i for i, *_ in ends]
     for first in range(0, count, CHUNK):
         here = middle.advance(CHUNK)
-        likely = _log_likelihoods(here)
+        likely, root = _likelihoods(here), _root(here)
         columns, scores = [], np.empty((len(likely), len(ends)))
         for k, (kalman, (*_, width)) in enumerate(zip(filters, ends, strict=True)):
             there = kalman.advance(CHUNK)
-            columns.append(_column(here, there, width))
-            scores[:, k] = (_log_likelihoods(there) - likely) / width
+            columns.append(_column(here, there, width, root))
+            scores[:, k] = (_likelihoods(there) - likely) / width
         flat = np.array(columns)
         gram[np.ix_(which, which)] += flat @ flat.T
         places = np.arange(first, first + len(likely)) * BLOCKS // count
@@ -109,27 +123,28 @@ def _term(point: Point, flight: Flight, ends: Ends, before: Term) -> Term:
     return replace(before, gram=gram, slope=blocks.sum(axis=0), scatter=blocks.T @ blocks)
 
 
-def _column(here: FilterRun, there: FilterRun, width: float) -> np.ndarray:
+def _column(here: FilterRun, there: FilterRun, width: float, root: np.ndarray) -> np.ndarray:
     """Return what a change of a parameter does to the errors and to their predicted covariance S, whitened.
 
     Products of such columns are the information ``e_i' S^-1 e_j + tr(S^-1 S_i S^-1 S_j) / 2``, with e_i and
-    S_i the derivatives (Kay, *Estimation Theory*, section 3.9).
+    S_i the derivatives (Kay, *Estimation Theory*, section 3.9). ``root`` is `_root`.
     """
-    unused = np.einsum("ni,ij->nij", ~here.used, np.eye(here.used.shape[1]))
     errors = np.where(here.used, there.errors - here.errors, 0.0)
-    ratio = np.matmul(there.whitening + unused, np.linalg.inv(here.whitening + unused)) - np.eye(
-        unused.shape[1]
-    )
+    ratio = np.where(here.used[:, :, None], np.matmul(there.whitening, root), 0.0)
+    ratio -= np.einsum("ni,ij->nij", here.used, np.eye(here.used.shape[1]))
+    ratio[:, here.given] = 0.0
     spread = (ratio + ratio.transpose(0, 2, 1)) * np.sqrt(0.5)
-    moved = np.einsum("nij,nj->ni", here.whitening, errors)
+    moved = np.einsum("nij,nj->ni", here.whitening, errors) * ~here.given
     return np.concatenate([moved.ravel(), spread.ravel()]) / width
 
 
-def _log_likelihoods(run: FilterRun) -> np.ndarray:
-    """Return the log-likelihood of each sample (N,), without constants."""
-    diagonal = np.einsum("nii->ni", run.whitening)
-    logs = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)
-    return logs - 0.5 * np.einsum("ni,ni->n", run.innovations, run.innovations)
+def _root(run: FilterRun) -> np.ndarray:
+    """Return the inverse of the whitening (N, rows, rows), one where nothing is used."""
+    return np.linalg.inv(run.whitening + np.einsum("ni,ij->nij", ~run.used, np.eye(run.used.shape[1])))
+
+
+def _likelihoods(run: FilterRun) -> np.ndarray:
+    return log_likelihoods(run.innovations, run.whitening, run.given)
 
 
 def _filter(point: Point, flight: Flight) -> KalmanFilter:

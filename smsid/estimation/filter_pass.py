@@ -289,7 +289,7 @@ def run_plain(
                 whole[:, first:] = parameters.readings(moment, forces)
                 if ca.any():
                     whole[:, first:] += ca @ parameters.accelerations(moment, drive.push_at[k])
-            there = np.flatnonzero(samples.there[k])
+            there = samples.order[samples.there[k][samples.order]]
             if len(there):
                 found = correction(p, whole[there], record.errors[k, there] - whole[there] @ off,
                                    samples.variance[there])  # fmt: skip

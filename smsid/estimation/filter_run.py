@@ -22,8 +22,9 @@ class FilterRun:
     ``middle_inverse`` (., nv, nv) their inverse mass matrices. ``errors`` (N, rows) are measured minus
     ``predicted``; ``normalised`` the same in their own
     standard deviations, not decorrelated. ``used`` (N, rows): what took part. ``edges`` are the times of the
-    samples and, where more follow, of the next one: there are then N transitions. ``begins`` are the samples
-    with which recordings begin, where there are several.
+    samples and, where more follow, of the next one: there are then N transitions. The rows ``given`` (rows,)
+    are no part of the likelihood, which is of the others beside them. ``begins`` are the samples with which
+    recordings begin, where there are several.
     """
 
     innovations: np.ndarray
@@ -43,12 +44,23 @@ class FilterRun:
     normalised: np.ndarray
     used: np.ndarray
     edges: np.ndarray
+    given: np.ndarray
     begins: tuple[int, ...] = (0,)
 
     @property
     def samples(self) -> int:
         """Number of innovations that count."""
         return int(self.used.sum())
+
+
+def log_likelihoods(innovations: np.ndarray, whitening: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Return the log-likelihood of each sample (N,) beside the rows ``given`` (rows,), without constants.
+
+    Of ``innovations`` (N, rows) by their ``whitening`` (N, rows, rows), both zero where nothing was read.
+    """
+    diagonal = np.einsum("nii->ni", whitening)[:, ~given]
+    logs = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)
+    return logs - 0.5 * (innovations[:, ~given] ** 2).sum(axis=1)
 
 
 def joined_runs(runs: Sequence[FilterRun]) -> FilterRun:
@@ -72,7 +84,7 @@ def joined_runs(runs: Sequence[FilterRun]) -> FilterRun:
         whole("sensitivity"), whole("by_a"), between("transition"), between("forcing"),
         _states([r.states for r in runs]), _states(middles), whole("inverse"), between("middle_inverse"),
         whole("predicted"), whole("errors"), whole("normalised"), whole("used"), whole("edges"),
-        tuple(np.cumsum([0, *(len(r.innovations) for r in runs[:-1])]).tolist()),
+        runs[0].given, tuple(np.cumsum([0, *(len(r.innovations) for r in runs[:-1])]).tolist()),
     )  # fmt: skip
 
 

@@ -235,8 +235,9 @@ def _unknown_torques(
             commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
             size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
         walk = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval)
-        sizes = zip(group.v[free].tolist(), (UNKNOWN * size)[free].tolist(), walk[free].tolist(), strict=True)
-        found += [UnknownInput(*own, motor=torque in inputs) for own in sizes]
+        for i in free:
+            own = int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])
+            found.append(UnknownInput(*own, motor=torque in inputs, row=block.rows.start + i))
     return found
 
 

@@ -20,8 +20,9 @@ from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported
+from smsid.estimation.input_hold import VARYING
 from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
-from smsid.estimation.loosening import LOOSENED, loosened
+from smsid.estimation.loosening import LOOSENED, loosened, thinned
 from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.panels import modal_panels, plain_panels
@@ -219,20 +220,29 @@ def _search(
 ) -> tuple[NormalEquations, list[Flight], list[NormalEquations]]:
     """Return the maximum, the flights as their commands are taken, and the points on the way."""
     point, flights = described, list(flights)
-    for share in LOOSENED:
+    coarse = [thinned(f) for f in flights]
+    fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
+    for share in (*LOOSENED, 0.0) if fewer else LOOSENED:
         if tell is not None:
             tell(f"search with a model that may err by {100 * share:.0f} % of what drives the motion")
-        loose = [_loosened(f, share) for f in flights]
+        loose = [replace(f, problem=loosened(f.model, f.problem, share)) for f in coarse]
         point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
-        flights = [
-            with_timing(f, as_commands_act(point, unknowns, x, False).problem.timing)
-            for f, x in zip(flights, loose, strict=True)
-        ]
+        if not fewer:
+            coarse = [
+                with_timing(f, as_commands_act(point, unknowns, x, False).problem.timing)
+                for f, x in zip(coarse, loose, strict=True)
+            ]
+    flights = [as_commands_act(point, unknowns, f, False) for f in flights] if fewer else coarse
     if tell is not None:
         tell("search with the model as it is")
     found, visited = maximise(point, unknowns, flights, tell=tell)
     rest, before = converged(found), flights
-    flights = [as_commands_act(found.point, unknowns, f, rest) for f in flights]
+    flights = [
+        f
+        if fewer and f.problem.timing.hold not in VARYING
+        else as_commands_act(found.point, unknowns, f, rest)
+        for f in flights
+    ]
     if any(a.problem.timing != f.problem.timing for a, f in zip(flights, before, strict=True)):
         found, more = maximise(found.point, unknowns, flights, tell=tell)
         visited += more
@@ -272,11 +282,6 @@ def _widest_turn(flight: Flight) -> float:
     if begin is None or not flight.model.free:
         return 0.0
     return float(np.sqrt(begin.covariance.diagonal()[3:6].max()))
-
-
-def _loosened(flight: Flight, share: float) -> Flight:
-    """Return a flight whose model may err, from sample to sample, by a share of what drives it."""
-    return replace(flight, problem=loosened(flight.model, flight.problem, share))
 
 
 def _bias(unknown: Unknown, i: int, found: NormalEquations) -> Combination:

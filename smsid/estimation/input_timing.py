@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import SimulationError
-from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.filter_run import FilterRun, log_likelihoods
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import VARYING, Hold, curved, mixed
 from smsid.estimation.kalman import run_filter
@@ -89,9 +89,8 @@ def _likelihoods(
 
 def _after_the_first(run: FilterRun) -> float:
     """Return the log-likelihood of all samples but the first, of which not every timing takes as much."""
-    first, used = run.innovations[0], run.used[0]
-    taken = float(np.log(run.whitening[0].diagonal()[used]).sum()) - 0.5 * float(first @ first)
-    return run.log_likelihood - taken
+    first = log_likelihoods(run.innovations[:1], run.whitening[:1], run.given)
+    return run.log_likelihood - float(first[0])
 
 
 def _with_own_levels(run: FilterRun) -> float:

@@ -10,14 +10,10 @@ from scipy.linalg import block_diag
 
 from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import Applied, Instance, filter_samples
-from smsid.estimation.filter_run import FilterRun, joined_runs
+from smsid.estimation.filter_run import FilterRun, joined_runs, log_likelihoods
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
-from smsid.estimation.problem import (
-    Problem,
-    recordings_of,
-    walks_of,
-)
+from smsid.estimation.problem import Problem, recordings_of, walks_of
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel.filter_arrays import Samples, State
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -87,6 +83,8 @@ class KalmanFilter:
         start = np.diag([u.sigma**2 for u in unknown])
         self.covariance: np.ndarray = np.asarray(block_diag(covariance, start))
         self._readable = _readable(problem)
+        self.given = problem.given
+        self.order = np.argsort(~self.given, kind="stable")
         names = [b.channel for b in problem.data.blocks if b.quantity == "attitude"]
         seen = [problem.data.attitude[name] for name in names]
         self._attitudes = np.stack(seen, axis=1) if seen else np.zeros((len(problem.data.times), 0, 4))
@@ -112,6 +110,7 @@ class KalmanFilter:
             present,
             data.sigma**2,
             corrections,
+            self.order,
         )
         # what was handed out before stays as it was
         state = State(self.q.copy(), self.v.copy(), self.unknown.copy(), np.zeros(0), self.covariance.copy())
@@ -121,13 +120,14 @@ class KalmanFilter:
         self._next, self._before = first + n, forces.last
         (q, v, a, tau, inverse), (mid_q, mid_v, mid_a, mid_tau, mid_inverse) = found.at, found.middle
         middle_times = 0.5 * (edges[1:] + edges[:-1])
+        likely = log_likelihoods(found.innovations, found.whitening, self.given)
         return FilterRun(
-            found.innovations, float(found.log_likelihood.sum()), found.whitening, found.gain,
+            found.innovations, float(likely.sum()), found.whitening, found.gain,
             found.sensitivity, found.by_a, found.transition, found.forcing,
             States(times, q, v, a, tau, np.zeros_like(tau)),
             States(middle_times, mid_q, mid_v, mid_a, mid_tau, np.zeros_like(mid_tau)),
             inverse, mid_inverse, found.predicted, found.errors, found.normalised,
-            present & (times <= self.until)[:, None], edges,
+            present & (times <= self.until)[:, None], edges, self.given,
         )  # fmt: skip
 
 

@@ -6,12 +6,28 @@ from dataclasses import replace
 
 import numpy as np
 
+from smsid.estimation.flight import Flight, longest_step, longest_substep
 from smsid.estimation.problem import Problem, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
 LOOSENED = (0.3, 0.03)
 """Process noise of the first searches, as a share of what drives the motion: far from the maximum, a model
 that may err a little has a likelihood without the many maxima of one that may not."""
+
+MANY = 1000
+"""Samples of a flight that first searches need: of more, those that the filter's linearisation does not."""
+
+
+def thinned(flight: Flight) -> Flight:
+    """Return a flight with no more samples than the first searches need, itself where it has no more.
+
+    Sensors of other rates would be missed by every n-th sample: all samples are kept then.
+    """
+    data = flight.problem.data
+    fewer, share = data.thinned(1.0 / longest_step(flight.model)), np.isfinite(data.values).mean(axis=0)
+    if len(fewer.times) < MANY or np.any((share > 0.0) & (share < 0.9)):
+        return flight
+    return replace(flight, problem=replace(flight.problem, data=fewer, substep=longest_substep(fewer)))
 
 
 def loosened(model: SpacecraftModel, problem: Problem, share: float) -> Problem:

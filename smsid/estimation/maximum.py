@@ -39,27 +39,7 @@ def maximise(
     Raises `SimulationError` when the start cannot be filtered.
     """
     found = normal_equations(point, unknowns, flights)
-    visited = [found]
-    stalled, radius = 0, np.inf
-    for i in range(iterations):
-        step = bounded_step(found)
-        gain = predicted_gain(found, step)
-        if gain < enough:
-            break
-        better, radius = _descend(found, flights, radius)
-        if better is None:
-            break
-        gained = found.objective - better.objective
-        line = f"step {i + 1}: log-posterior {-better.objective:.1f} (+{gained:.3g})"
-        LOGGER.info("%s, predicted %.3g", line, gain)
-        if tell is not None:
-            tell(line)
-        stalled = stalled + 1 if gained < STALLED * gain else 0
-        found = better
-        visited.append(found)
-        if stalled == 2:
-            break
-    return found, visited
+    return _climb(found, flights, enough, iterations, tell, lambda better: better)
 
 
 def settled(
@@ -70,20 +50,39 @@ def settled(
     Steps are of slopes by differences of whole runs (`smsid.estimation.differences`), and so are the normal
     equations returned: at rest if `converged`. Raises `SimulationError` where a filter loses its recording.
     """
-    radius = np.inf
     exact = differenced(found, flights)
-    for i in range(ROUNDS):
-        if predicted_gain(exact, bounded_step(exact)) < ENOUGH:
+    return _climb(exact, flights, ENOUGH, ROUNDS, tell, lambda better: differenced(better, flights))[0]
+
+
+def _climb(
+    found: NormalEquations,
+    flights: Sequence[Flight],
+    enough: float,
+    iterations: int,
+    tell: Tell | None,
+    at: Callable[[NormalEquations], NormalEquations],
+) -> tuple[NormalEquations, list[NormalEquations]]:
+    """Return the last and all normal equations on the way up, as ``at`` makes them of those along states."""
+    visited, stalled, radius = [found], 0, np.inf
+    for i in range(iterations):
+        gain = predicted_gain(found, bounded_step(found))
+        if gain < enough:
             break
-        better, radius = _descend(exact, flights, radius)
+        better, radius = _descend(found, flights, radius)
         if better is None:
             break
-        line = f"step {i + 1} by differences: log-posterior {-better.objective:.1f}"
-        LOGGER.info("%s", line)
+        gained = found.objective - better.objective
+        how = " by differences" if found.exact else ""
+        line = f"step {i + 1}{how}: log-posterior {-better.objective:.1f} (+{gained:.3g})"
+        LOGGER.info("%s, predicted %.3g", line, gain)
         if tell is not None:
             tell(line)
-        exact = differenced(better, flights)
-    return exact
+        stalled = stalled + 1 if gained < STALLED * gain else 0
+        found = at(better)
+        visited.append(found)
+        if stalled == 2:
+            break
+    return found, visited
 
 
 def converged(found: NormalEquations) -> bool:

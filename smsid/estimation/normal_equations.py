@@ -167,6 +167,7 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
         run = kalman.advance(CHUNK)
         changes = Sensitivities(here, model, problem, run)
         whitened = propagate(run, columns_of(changes, mine), delta)
+        whitened[:, run.given] = 0.0
         scores = np.einsum("nrm,nr->nm", whitened, run.innovations)
         np.add.at(blocks, np.arange(first, first + len(scores)) * BLOCKS // count, scores)
         flat = whitened.reshape(-1, len(mine))

@@ -58,13 +58,15 @@ class UnknownInput:
 
     ``dof`` is where it acts, an index in v; ``sigma`` its standard deviation at the first sample [N, N m],
     ``walk`` by how much it wanders [N/sqrt(s), N m/sqrt(s)]. It comes on top of what was commanded. That
-    of a ``motor`` whose command is recorded is held between samples where commands are.
+    of a ``motor`` whose command is recorded is held between samples where commands are. Where it drives what
+    is measured, ``row`` is that reading: how far the force wanders is a guess, and no evidence for anything.
     """
 
     dof: int
     sigma: float
     walk: float
     motor: bool = False
+    row: int = -1
 
 
 def walks_of(inputs: Sequence[UnknownInput], timing: Timing) -> np.ndarray:
@@ -118,6 +120,16 @@ class Problem:
     begin: Belief | None = None
     unknown_inputs: tuple[UnknownInput, ...] = ()
     parts: tuple[Part, ...] = ()
+
+    @property
+    def given(self) -> np.ndarray:
+        """Rows of readings (rows,) that follow unknown inputs: the likelihood is of the others beside them.
+
+        Source: the partial likelihood of Cox, Biometrika 62 (1975) 269.
+        """
+        out = np.zeros(self.data.rows, dtype=bool)
+        out[[u.row for u in self.unknown_inputs if u.row >= 0]] = True
+        return out
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""

@@ -51,12 +51,6 @@ class ProcessModel:
         self.locked = locked
         self.nv, self.free = model.nv, model.free
         self._driven: tuple[Inputs, Signal] | None = None
-        self._slow = [f for f in self.model.forces if getattr(f, "slow", False)]
-        if self.model.inertial is not None:  # it has to see them
-            self._slow = []
-        if self._slow:
-            fast = tuple(f for f in self.model.forces if not getattr(f, "slow", False))
-            self.model = replace(self.model, forces=fast)
         plain = self.model.forces if self.model.inertial is None else self.model.forces[:-1]
         self._forces = (*model.loads, *plain)
         known = [getattr(f, "depends", None) for f in self._forces]
@@ -77,33 +71,17 @@ class ProcessModel:
     def kernel(self, *, balanced: bool = True) -> Kernel | None:
         """Return the arrays that compiled code takes, as `smsid.kernel.arrays.arrays_of`, or ``None``."""
         own = self.model
-        if not available() or self._slow or self._growing or own.followers is not None:
+        if not available() or self._growing or own.followers is not None:
             return None
         terms = (*self._forces, *(() if own.inertial is None else own.inertial.terms))
         return arrays_of(own, self.pin, terms, balanced=balanced)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return vdot (nv,) under applied generalised forces tau (nv,)."""
-        return self._under(t, q, v, tau, self._held(t, q, v))
-
-    def _held(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray | float:
-        """Return the forces (nv,) that hardly change over a step of the integration."""
-        if not self._slow:
-            return 0.0
-        out = np.zeros(self.nv)
-        for term in self._slow:
-            term(t, q, v, out)
-        return out
-
-    def _under(
-        self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, held: np.ndarray | float
-    ) -> np.ndarray:
-        """Return vdot (nv,) under applied forces tau (nv,) and those that are held."""
         total = tau.copy()
         if self._growing:
             self._grow(t)
         self.model.add_passive_forces(t, q, v, total)
-        total += held
         return pin.aba(self.pin, self.data, q, v, total)
 
     def _grow(self, t: float) -> None:
@@ -120,7 +98,6 @@ class ProcessModel:
             self._grow(t)
         total = tau.copy()
         m.add_passive_forces(t, q, v, total)
-        total += self._held(t, q, v)
         pin.computeABADerivatives(self.pin, self.data, q, v, total)
         inverse = np.array(self.data.Minv)
         rows, columns = self._upper
@@ -191,17 +168,16 @@ class ProcessModel:
         Generalised forces (nv,) go from ``tau - rise`` to ``tau + rise``, straight.
         """
         half = 0.5 * h
-        held = self._held(t, q, v)
-        x1, a1 = v, self._under(t, q, v, tau - rise, held)
+        x1, a1 = v, self.acceleration(t, q, v, tau - rise)
         v2 = v + half * a1
         xi = half * x1
-        x2, a2 = self._rate(xi, v2), self._under(t + half, self._at(q, xi), v2, tau, held)
+        x2, a2 = self._rate(xi, v2), self.acceleration(t + half, self._at(q, xi), v2, tau)
         v3 = v + half * a2
         xi = half * x2
-        x3, a3 = self._rate(xi, v3), self._under(t + half, self._at(q, xi), v3, tau, held)
+        x3, a3 = self._rate(xi, v3), self.acceleration(t + half, self._at(q, xi), v3, tau)
         v4 = v + h * a3
         xi = h * x3
-        x4, a4 = self._rate(xi, v4), self._under(t + h, self._at(q, xi), v4, tau + rise, held)
+        x4, a4 = self._rate(xi, v4), self.acceleration(t + h, self._at(q, xi), v4, tau + rise)
         return self._at(q, h / 6.0 * (x1 + 2.0 * (x2 + x3) + x4)), v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
 
     def _at(self, q: np.ndarray, xi: np.ndarray) -> np.ndarray:

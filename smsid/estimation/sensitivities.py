@@ -19,7 +19,6 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel.derivatives import forces_along
-from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
 
@@ -50,7 +49,7 @@ class Sensitivities:
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[str, np.ndarray] = {}
-        self._own: dict[str, np.ndarray | None] = {}
+        self._own: dict[str, np.ndarray] = {}
         self.by_candidate: dict[tuple[object, ...], list[Sensitivity]] = {}  # what is scored is scored again
 
     def inertial(self, columns: Sequence[int]) -> list[Sensitivity]:
@@ -100,7 +99,7 @@ class Sensitivities:
         middle = at = None
         if forces or cls.drive is not Effect.drive:
             pushed = [
-                self._force(where, origin, model, changed.name) if forces else np.zeros_like(s.tau)
+                self._taken(where, origin) - self._taken(where, model) if forces else np.zeros_like(s.tau)
                 for where, s in (("middle", self.run.middle), ("at", self.run.states))
             ]
             if cls.drive is not Effect.drive:
@@ -170,41 +169,21 @@ class Sensitivities:
             self._rates = rates
         return self._rates
 
-    def _compiled_forces(self, where: str, model: SpacecraftModel) -> np.ndarray | None:
-        """Return what a model's motion takes along the run (N, nv) by compiled code, where that knows it."""
+    def _taken(self, where: str, model: SpacecraftModel) -> np.ndarray:
+        """Return the generalised forces (N, nv) that a model's motion takes along the run; its own, once."""
         if model is self.model and where in self._own:
             return self._own[where]
         held = np.zeros(0, dtype=int)
         kernel = ProcessModel(model, held).kernel(balanced=False) if compiled_pays() else None
-        found = None
+        s = self._states(where)
+        found = np.empty((len(s.time), model.nv))
         if kernel is not None:
-            s, found = self._states(where), np.empty((len(self._states(where).time), model.nv))
             forces_along(*kernel.arrays, s.time, s.q, s.v, s.a, s.tau, found)
+        else:
+            _forces_along(model, s, found)
         if model is self.model:
             self._own[where] = found
         return found
-
-    def _force(self, where: str, origin: SpacecraftModel, model: SpacecraftModel, changed: str) -> np.ndarray:
-        states = self._states(where)
-        before = self._compiled_forces(where, origin)
-        after = None if before is None else self._compiled_forces(where, model)
-        if before is not None and after is not None:
-            return before - after
-        out = _springs(model, states) - _springs(origin, states)
-        for sign, of in ((1.0, model), (-1.0, origin)):
-            _add_terms(out, sign, of, states, _touched(of, changed))
-        if _loads_of(origin, changed) or _loads_of(model, changed):  # they see each other's forces
-            out += _loads(model, states) - _loads(origin, states)
-        if any(a != b for a, b in zip(origin.pin.jointPlacements, model.pin.jointPlacements, strict=True)):
-            return out - _inverse(model, states) + _inverse(origin, states)
-        theta = _inertial(model) - _inertial(origin)
-        moved = np.flatnonzero(theta)
-        if len(moved):
-            out -= self._regressor(where)[:, :, moved] @ theta[moved]
-        armature = np.asarray(model.pin.armature) - np.asarray(origin.pin.armature)
-        if armature.any():
-            out -= armature * states.a
-        return out
 
     def _reading(
         self, base: Point, other: Point, origin: SpacecraftModel, model: SpacecraftModel
@@ -232,72 +211,17 @@ class Sensitivities:
         return out
 
 
-def _loads_of(model: SpacecraftModel, changed: str) -> bool:
-    """Whether forces that depend on the applied ones may change with an effect."""
-    touched = _touched(model, changed) if model.loads else ()
-    return any(owner in touched and any(term is x for x in model.loads) for owner, term in model.owned)
-
-
-def _loads(model: SpacecraftModel, states: States) -> np.ndarray:
-    """Return the forces (N, nv) that depend on the applied ones along states."""
-    out = states.tau.copy()
-    for t, q, v, tau in zip(states.time, states.q, states.v, out, strict=True):
-        for term in model.loads:
-            term(float(t), q, v, tau)
-    return out - states.tau
-
-
-def _springs(model: SpacecraftModel, states: States) -> np.ndarray:
-    out = np.zeros_like(states.tau)
-    out[:, model.spring_v] -= (
-        model.stiffness * states.q[:, model.spring_q] + model.damping * states.v[:, model.spring_v]
-    )
-    return out
-
-
-def _add_terms(
-    out: np.ndarray, sign: float, model: SpacecraftModel, states: States, effects: set[str]
-) -> None:
-    """Add the forces (N, nv) of some effects along states, times a sign."""
-    inertias = [] if model.inertial is None else list(model.inertial.terms)
-    mine = [term for owner, term in model.owned if owner in effects]
-    heavy = [term for term in inertias if any(term is x for x in mine)]
-    light = [term for term in model.forces if any(term is x for x in mine)]
-    if not (heavy or light):
-        return
-    part = states.tau.copy()
-    for i, t in enumerate(states.time):
-        q, v = states.q[i], states.v[i]
-        for force in light:
-            force(float(t), q, v, part[i])
-        for term in heavy:  # at the accelerations there are, whatever is held still
+def _forces_along(model: SpacecraftModel, states: States, out: np.ndarray) -> None:
+    """Do what `smsid.kernel.derivatives.forces_along` does, for any model."""
+    data, terms = model.pin.createData(), () if model.inertial is None else model.inertial.terms
+    rows = zip(states.time, states.q, states.v, states.a, states.tau, strict=True)
+    for k, (t, q, v, a, load) in enumerate(rows):
+        passive = load.copy()
+        model.add_passive_forces(float(t), q, v, passive, inertial=False)
+        out[k] = pin.rnea(model.pin, data, q, v, a) - (passive - load)
+        for term in terms:  # at the accelerations there are, whatever is held still
             mass, bias = term(float(t), q, v)
-            part[i] -= mass @ states.a[i] + bias
-    out += sign * (part - states.tau)
-
-
-def _touched(model: SpacecraftModel, changed: str) -> set[str]:
-    """Return the effects whose forces may change with one: itself, and those that name it."""
-    found, size = {changed}, 0
-    while len(found) > size:
-        size = len(found)
-        for effect in model.description.effect:
-            named = {x for x in effect.model_dump().values() if isinstance(x, str)}
-            if named & found:
-                found.add(effect.name)
-    return found
-
-
-def _inverse(model: SpacecraftModel, states: States) -> np.ndarray:
-    """Return the generalised forces (N, nv) that the bodies' motion takes."""
-    data = model.pin.createData()
-    rows = zip(states.q, states.v, states.a, strict=True)
-    # a flight of one sample has no middles
-    return np.array([pin.rnea(model.pin, data, q, v, a) for q, v, a in rows]).reshape(-1, model.nv)
-
-
-def _inertial(model: SpacecraftModel) -> np.ndarray:
-    return np.concatenate([dynamic_parameters(i) for i in list(model.pin.inertias)[1:]])
+            out[k] += mass @ a + bias
 
 
 def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray | None = None) -> np.ndarray:

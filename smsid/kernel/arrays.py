@@ -49,21 +49,25 @@ class Force(Protocol):
 @runtime_checkable
 class Beam(Protocol):
     """A beam that grows shorter as it bends: the joint that carries it and where, places of its modes in v
-    with their scales (n,), and matrices a, b (n, n) and c (n, n, n) of the shortening.
+    with their scales (n,), and of N points along it masses, places x and stiffnesses (N,), shapes (N, n) and
+    the matrices of how far they are drawn in and of its curvature (N, n, n).
     """
 
     parent: int
     placement: pin.SE3
     v: np.ndarray
     scale: np.ndarray
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
+    mass: np.ndarray
+    x: np.ndarray
+    stiffness: np.ndarray
+    shape: np.ndarray
+    drawn: np.ndarray
+    curved: np.ndarray
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """The arrays of a spacecraft: ``tree`` (n, 4), ``bodies`` (n, 28), ``root`` (25 + ...,), see the columns
+    """The arrays of a spacecraft: ``tree`` (n, 5), ``bodies`` (n, 28), ``root`` (25 + ...,), see the columns
     there.
 
     A rotation, position, axis and inertia are in the axes of the joint's parent, joint axes at rest; where
@@ -83,7 +87,7 @@ class Kernel:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first arguments of what is compiled: tree (n, 4), bodies (n, 28), root (25 + ...,)."""
+        """The first arguments of what is compiled: tree (n, 5), bodies (n, 28), root (25 + ...,)."""
         return self.tree, self.bodies, self.root
 
 
@@ -130,9 +134,11 @@ def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray
     turn = own.bodies[row, c.ROTATION : c.ROTATION + 9].reshape(3, 3) if still else np.eye(3)
     place = beam.placement
     placed = np.r_[(turn @ place.rotation).ravel(), turn @ place.translation]
-    numbers = [placed, beam.v - start, beam.scale, beam.a, beam.b, beam.c]
+    numbers = [placed, beam.v - start, beam.scale, beam.mass, beam.x, beam.stiffness]
+    numbers += [beam.shape, beam.drawn, beam.curved]
+    own.tree[beam.v[1:] - start, c.COUPLED] = beam.v[:-1] - start
     table = np.concatenate([np.ravel(x) for x in numbers])
-    return np.r_[len(table) + 3.0, max(row, -1.0), len(beam.v), table]
+    return np.r_[len(table) + 4.0, max(row, -1.0), len(beam.v), len(beam.x), table]
 
 
 def tree_of(m: pin.Model, free: bool, *, balanced: bool = True) -> Kernel | None:
@@ -168,12 +174,12 @@ def tree_of(m: pin.Model, free: bool, *, balanced: bool = True) -> Kernel | None
             still = balanced and j not in parents and _is_balanced(axis, theta)
             turns = kind != c.SLIDE and not still
             turning = turns or (above >= 0 and tree[above][c.TURNING] > 0)
-            tree.append([above, kind, joint.idx_q + k, int(turning)])
+            tree.append([above, kind, joint.idx_q + k, int(turning), above])
             rows.append(row)
             above = len(rows) - 1
         last[j] = above
     table = np.array(rows).reshape(-1, c.COLUMNS)
-    links = np.array(tree, dtype=np.int64).reshape(-1, 4)
+    links = np.array(tree, dtype=np.int64).reshape(-1, 5)
     _to_bus_axes(links, table)
     return Kernel(links, table, root)
 
@@ -203,7 +209,7 @@ def _is_balanced(axis: np.ndarray, theta: np.ndarray) -> bool:
 def _to_bus_axes(tree: np.ndarray, table: np.ndarray) -> None:
     """Put into bus axes what does not turn against the bus, and where its children are."""
     turns = [np.eye(3)] * len(tree)
-    for i, (parent, _, _, turning) in enumerate(tree):
+    for i, (parent, _, _, turning, _) in enumerate(tree):
         if parent >= 0 and tree[parent, c.TURNING]:
             continue
         outer = turns[parent] if parent >= 0 else np.eye(3)

@@ -1,14 +1,15 @@
 """Beams that shorten as they bend, in compiled form: what `smsid.effects.geometric_stiffness` adds.
 
-In the axes of the beam's root, with V = (u, w) and A the velocity and the acceleration (less gravity) of the
-root, the kinetic energy is that of a body without mass of moment ``-s e`` and inertia ``-2 r`` across the
-axis e and ``p`` off it, which go with the bending eta, plus terms of the rates. The body is added to the one
-that carries the beam, so that all that holds for bodies holds for it, too; `rest` is what its change in time
-and the rates add.
+Point masses along the beam, in the axes of its root: place ``p = (x - u, 0, w)``, less ones that do not move
+along, ``p0 = (x, 0, w)``. With the root's velocity and acceleration (less gravity) each takes a force
+``F = m (A + alpha x p + w x (w x p) + 2 w x p' + p'')``. What the masses have more by ``d = (-u, 0, 0)`` is,
+at a bending that does not change, a body without mass, which is added to the one that carries the beam, so
+that all that holds for bodies holds for it, too.
 
 Beams stand in ``root`` behind the forces, one after the other: length of the table,
-row of the body that carries it (-1: the bus), number n of modes, rotation (9,) and place (3,) of its root in
-the axes of that body, then rows (n,) and scales (n,) of its modes and the matrices A, B (n, n), C (n, n, n).
+row of the body that carries it (-1: the bus), number n of modes, number N of points, rotation (9,) and place
+(3,) of its root in the axes of that body, then rows (n,) and scales (n,) of its modes; of the points masses,
+places and stiffnesses (N,), shapes (N, n) and the matrices of u and of its curvature (N, n, n).
 """
 
 from __future__ import annotations
@@ -20,13 +21,11 @@ from smsid.kernel.forces import UNITS
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import (
     about_origin,
-    bearing_force,
     bracket,
     cross,
     dot,
     matrix,
     plus,
-    put,
     six,
     three,
     times_matrix,
@@ -35,7 +34,7 @@ from smsid.kernel.spatial import (
     turned_inertia,
 )
 
-ROW, COUNT, TURN, AT, MODES = 1, 2, 3, 12, 15  # in a beam's table
+ROW, COUNT, POINTS, TURN, AT, MODES = 1, 2, 3, 4, 13, 16  # in a beam's table
 ZERO = (0.0, 0.0, 0.0)
 
 
@@ -75,33 +74,33 @@ def told(turn, place, force, moment):
 
 
 @compiled
-def bending(root, at, angles, v, start):
-    """Return eta, its rate, A eta, B eta, A rate, B rate, ``across`` and ``along`` (n,), and C by one of
-    its coordinates: ``rises`` and ``sinks`` (n, n), as the effect has them.
+def points(root, at):
+    """Return masses, places and stiffnesses of a beam's points (3, N), shapes (N, n), and the matrices of u
+    and of its curvature (N, n, n).
     """
+    n, count = int(root[at + COUNT]), int(root[at + POINTS])
+    a = at + MODES + 2 * n
+    b, size = a + 3 * count, count * n
+    c = b + size
+    d = c + size * n
+    return (
+        root[a:b].reshape(3, count),
+        root[b:c].reshape(count, n),
+        root[c:d].reshape(count, n, n),
+        root[d : d + size * n].reshape(count, n, n),
+    )
+
+
+@compiled
+def bending(root, at, angles, v, vdot, start):
+    """Return the modes' coordinates, rates and accelerations (3, n)."""
     n = int(root[at + COUNT])
-    own, across = np.zeros((6, n)), np.zeros((2, n))
-    a, b = at + MODES + 2 * n, at + MODES + 2 * n + n * n
-    c = b + n * n
-    rises, sinks = np.zeros((n, n)), np.zeros((n, n))
+    out = np.empty((3, n))
     for k in range(n):
         row, scale = int(root[at + MODES + k]), root[at + MODES + n + k]
-        own[0, k], own[1, k] = scale * angles[row], scale * v[start + row]
-    for k in range(n):
-        for i in range(n):
-            own[2, k] += root[a + n * k + i] * own[0, i]
-            own[3, k] += root[b + n * k + i] * own[0, i]
-            own[4, k] += root[a + n * k + i] * own[1, i]
-            own[5, k] += root[b + n * k + i] * own[1, i]
-            for j in range(n):
-                x = root[c + n * (n * k + i) + j]
-                rises[k, i] += x * own[0, j]
-                sinks[i, j] += x * own[0, k]
-    for k in range(n):
-        for i in range(n):
-            across[0, k] += 0.5 * rises[k, i] * own[0, i]
-            across[1, k] += sinks[k, i] * own[0, i]
-    return own[0], own[1], own[2], own[3], own[4], own[5], across[0], across[1], rises, sinks
+        out[0, k], out[1, k] = scale * angles[row], scale * v[start + row]
+        out[2, k] = scale * vdot[start + row]
+    return out
 
 
 @compiled
@@ -114,22 +113,30 @@ def product(a, b):
 
 
 @compiled
-def form(sinks, rate):
-    """Return the quadratic form of a matrix (n, n)."""
-    total = 0.0
-    for i in range(len(rate)):
-        for j in range(len(rate)):
-            total += rate[i] * sinks[i, j] * rate[j]
-    return total
+def times(a, x):
+    """Return the product of a matrix (n, n) and x (n,)."""
+    out = np.empty(len(x))
+    for i in range(len(x)):
+        out[i] = product(a[i], x)
+    return out
 
 
 @compiled
-def rest(w, along, s, r, p, q, y):
-    """Return force and moment of the rates: ``along`` the axis, of those s, r, p of the body's parameters,
-    of the angular momentum q across the axis and its change y.
+def swung(w, alpha, place, rate, rise):
+    """Return the acceleration of a point that moves in turning axes."""
+    out = plus(cross(alpha, place), 1.0, cross(w, cross(w, place)))
+    return plus(plus(out, 2.0, cross(w, rate)), 1.0, rise)
+
+
+@compiled
+def forces_of(mass, lift, w, alpha, place, along, across):
+    """Return what a point takes that is not drawn in, and by how much more one that is.
+
+    ``along`` and ``across``: u and w with their first two derivatives by time; ``lift``: of the root.
     """
-    force = (-along, -2.0 * s * w[2], 2.0 * s * w[1])
-    return force, ((p - q) * w[2], y - 2.0 * r * w[1], (p + q) * w[0] - 2.0 * r * w[2])
+    plain = swung(w, alpha, (place, 0.0, across[0]), (0.0, 0.0, across[1]), (0.0, 0.0, across[2]))
+    more = swung(w, alpha, (-along[0], 0.0, 0.0), (-along[1], 0.0, 0.0), (-along[2], 0.0, 0.0))
+    return plus(ZERO, mass, plus(lift, 1.0, plain)), plus(ZERO, mass, more)
 
 
 @compiled
@@ -143,7 +150,7 @@ def add_beams(tree, root, angles, v, vdot, work):
     """Add the beams to forces and inertias of the bodies that carry them, after these are filled.
 
     Of every mode, ``work[11]`` gets what its acceleration does to the root, a wrench (6,) about the bus's
-    origin, and the generalised force that it takes itself.
+    origin, the generalised force that it takes itself, and what is more of its row of the mass matrix.
     """
     turns, places, _, velocities, accelerations, forces, inertias = work[:7]
     extra, count = work[11], len(tree)
@@ -153,46 +160,50 @@ def add_beams(tree, root, angles, v, vdot, work):
         n, row = int(root[at + COUNT]), int(root[at + ROW])
         on = row if row >= 0 else count
         turn, place = frame(tree, root, at, turns, places)
-        x, rate, ax, bx, av, _, across, along, rises, sinks = bending(root, at, angles, v, start)
-        velocity, spin = three(velocities[on], 0), three(velocities[on], 3)
-        lift, turning = three(accelerations[on], 0), three(accelerations[on], 3)
-        u, w = seen(turn, place, velocity, spin)
-        a, alpha = seen(turn, place, lift, turning)
-        pull, swung, momentum = product(rate, av), 0.0, 0.0
-        for k in range(n):
-            i, scale = int(root[at + MODES + k]), root[at + MODES + n + k]
-            swing, acceleration = across[k] - along[k], scale * vdot[start + i]
-            pull += ax[k] * acceleration
-            swung += swing * acceleration
-            momentum += swing * rate[k]
-            f, m = told(turn, place, (-scale * ax[k], 0.0, 0.0), (0.0, scale * swing, 0.0))
-            put(extra[i], f, m)
-            slip = 0.0
+        numbers, shapes, drawn, curved = points(root, at)
+        eta, rate, rise = bending(root, at, angles, v, vdot, start)
+        u, w = seen(turn, place, three(velocities[on], 0), three(velocities[on], 3))
+        a, alpha = seen(turn, place, three(accelerations[on], 0), three(accelerations[on], 3))
+        a = plus(a, 1.0, cross(w, u))
+        f, m, s, r, p = ZERO, ZERO, 0.0, 0.0, 0.0
+        own, shared = np.zeros((3, n)), np.zeros((n, n))  # pull, swing and force of the modes
+        for k in range(numbers.shape[1]):
+            mass, x, phi = numbers[0, k], numbers[1, k], shapes[k]
+            g, h, bent = times(drawn[k], eta), times(drawn[k], rate), times(curved[k], eta)
+            along = 0.5 * product(g, eta), product(g, rate), product(g, rise) + product(h, rate)
+            across = product(phi, eta), product(phi, rate), product(phi, rise)
+            plain, more = forces_of(mass, a, w, alpha, x, along, across)
+            f = plus(f, 1.0, more)
+            m = plus(m, 1.0, cross((x - along[0], 0.0, across[0]), more))
+            m = plus(m, -along[0], (0.0, -plain[2], plain[1]))
+            s += mass * along[0]
+            r += mass * along[0] * (x - 0.5 * along[0])
+            p += mass * along[0] * across[0]
+            spring = 0.5 * numbers[2, k] * product(bent, eta)
+            for i in range(n):
+                own[0, i] += mass * g[i]
+                own[1, i] += mass * (along[0] * phi[i] - across[0] * g[i])
+                own[2, i] += phi[i] * more[2] - g[i] * (plain[0] + more[0]) + spring * bent[i]
+                for j in range(n):
+                    shared[i, j] += mass * g[i] * g[j]
+        for i in range(n):
+            mode, scale = int(root[at + MODES + i]), root[at + MODES + n + i]
+            force, about = told(turn, place, (-scale * own[0, i], 0.0, 0.0), (0.0, scale * own[1, i], 0.0))
+            for c in range(3):
+                extra[mode, c] += force[c]
+                extra[mode, 3 + c] += about[c]
+            extra[mode, 6] += scale * own[2, i]
             for j in range(n):
-                slip += (rises[k, j] - rises[j, k]) * rate[j]
-            extra[i, 6] = scale * (
-                swing * alpha[1]
-                - ax[k] * (a[0] + w[1] * u[2] - w[2] * u[1])
-                + (w[1] ** 2 + w[2] ** 2) * bx[k]
-                + 2.0 * w[1] * slip
-                - w[0] * w[2] * (across[k] + along[k])
-            )
-        p_rate = product(rate, across) + product(rate, along)
-        f, m = rest(
-            w, pull, product(rate, ax), product(rate, bx), p_rate, momentum, swung - form(sinks, rate)
-        )
+                extra[mode, 7 + int(root[at + MODES + j])] += scale * root[at + MODES + n + j] * shared[i, j]
         f, m = told(turn, place, f, m)
-        moment, inertia = body(0.5 * product(x, ax), 0.5 * product(x, bx), product(x, across))
+        moment, inertia = body(s, r, p)
         moment, inertia = about_origin(0.0, times_vector(turn, moment), turned_inertia(turn, inertia), place)
-        whole = inertias[on]
         for c in range(3):
-            whole[1 + c] += moment[c]
+            inertias[on, 1 + c] += moment[c]
+            forces[on, c] += f[c]
+            forces[on, 3 + c] += m[c]
         for c in range(6):
-            whole[4 + c] += inertia[c]
-        own, about = bearing_force(0.0, moment, inertia, velocity, spin, lift, turning)
-        for c in range(3):
-            forces[on, c] += f[c] + own[c]
-            forces[on, 3 + c] += m[c] + about[c]
+            inertias[on, 4 + c] += inertia[c]
         at += int(root[at])
 
 
@@ -214,6 +225,29 @@ def put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, out
 
 
 @compiled
+def change_of(mass, w, alpha, across, along, plain, more, place):
+    """Return by how much the wrench of what is drawn in changes, and both forces.
+
+    ``across`` and ``along``: changes of w and of u with their derivatives by time (3,); forces and place p
+    are as they are.
+    """
+    off, moved = (-along[0], 0.0, 0.0), (0.0, 0.0, across[0])
+    d_plain = plus(ZERO, mass, swung(w, alpha, moved, (0.0, 0.0, across[1]), ZERO))
+    d_more = plus(ZERO, mass, swung(w, alpha, off, (-along[1], 0.0, 0.0), (-along[2], 0.0, 0.0)))
+    m = plus(cross(plus(moved, 1.0, off), more), 1.0, cross(place[0], d_more))
+    m = plus(plus(m, 1.0, cross(off, plain)), 1.0, cross(place[1], d_plain))
+    return d_more, m, d_plain
+
+
+@compiled
+def add_row(out, f, m):
+    """Add a wrench to a row (6,)."""
+    for c in range(3):
+        out[c] += f[c]
+        out[3 + c] += m[c]
+
+
+@compiled
 def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, work, mass, by_q, by_v):
     """Add to `smsid.kernel.derivatives` what beams do beyond the bodies that `add_beams` has added."""
     turns, places, axes, velocities, accelerations = work[:5]
@@ -222,30 +256,72 @@ def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, wo
         n, row = int(root[at + COUNT]), int(root[at + ROW])
         on = row if row >= 0 else count
         turn, place = frame(tree, root, at, turns, places)
-        _, rate, ax, bx, av, bv, across, along, rises, sinks = bending(root, at, angles, v, start)
+        numbers, shapes, drawn, curved = points(root, at)
+        eta, rate, rise = bending(root, at, angles, v, vdot, start)
         here, bus = six(velocities[on], 0), six(velocities[count], 0)
         u, w = seen(turn, place, three(velocities[on], 0), three(velocities[on], 3))
         a, alpha = seen(turn, place, three(accelerations[on], 0), three(accelerations[on], 3))
-        straight = a[0] + w[1] * u[2] - w[2] * u[1]
-        swing, slip, gone, modes = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-        for k in range(n):
-            swing[k], gone[k] = across[k] - along[k], across[k] + along[k]
+        lifted_root = plus(a, 1.0, cross(w, u))
+        # wrench and modes' forces by spin of the root, by the bending, its rate and its acceleration
+        by_spin, by_eta, by_rate, by_rise = (
+            np.zeros((3, 6)),
+            np.zeros((n, 6)),
+            np.zeros((n, 6)),
+            np.zeros((n, 6)),
+        )
+        of_spin, of_eta, of_rate = np.zeros((3, n)), np.zeros((n, n)), np.zeros((n, n))
+        of_rise = np.zeros((n, n))
+        for k in range(numbers.shape[1]):
+            m, x, phi = numbers[0, k], numbers[1, k], shapes[k]
+            g, h, bent = times(drawn[k], eta), times(drawn[k], rate), times(curved[k], eta)
+            pushed, spring = times(drawn[k], rise), 0.5 * numbers[2, k] * product(bent, eta)
+            along = 0.5 * product(g, eta), product(g, rate), product(g, rise) + product(h, rate)
+            across = product(phi, eta), product(phi, rate), product(phi, rise)
+            plain, more = forces_of(m, lifted_root, w, alpha, x, along, across)
+            whole, off = (x - along[0], 0.0, across[0]), (-along[0], 0.0, 0.0)
+            for c in range(3):
+                e = UNITS[c]
+                d_rest = plus(ZERO, 2.0 * m, cross(e, (-along[1], 0.0, 0.0)))
+                slid = plus(ZERO, 2.0 * m, cross(e, (0.0, 0.0, across[1])))
+                add_row(by_spin[c], d_rest, plus(cross(whole, d_rest), 1.0, cross(off, slid)))
+                swing = plus(cross(e, cross(w, off)), 1.0, cross(w, cross(e, off)))
+                d_more = plus(d_rest, m, swing)
+                swing = plus(cross(e, cross(w, whole)), 1.0, cross(w, cross(e, whole)))
+                d_whole = plus(plus(d_rest, 1.0, slid), m, swing)
+                for i in range(n):
+                    of_spin[c, i] += phi[i] * d_more[2] - g[i] * d_whole[0]
             for j in range(n):
-                slip[k] += (rises[k, j] - rises[j, k]) * rate[j]
-        s_rate, r_rate, p_rate = product(rate, ax), product(rate, bx), product(rate, gone)
-        momentum = product(rate, swing)
+                for which in range(2):
+                    if which == 0:
+                        w_change, u_change = (phi[j], 0.0, 0.0), (g[j], h[j], pushed[j])
+                    else:
+                        w_change, u_change = (0.0, phi[j], 0.0), (0.0, g[j], 2.0 * h[j])
+                    d_more, about, d_plain = change_of(
+                        m, w, alpha, w_change, u_change, plain, more, (whole, off)
+                    )
+                    add_row(by_rate[j] if which else by_eta[j], d_more, about)
+                    out = of_rate if which else of_eta
+                    for i in range(n):
+                        out[j, i] += phi[i] * d_more[2] - g[i] * (d_plain[0] + d_more[0])
+                add_row(
+                    by_rise[j], (-m * g[j], 0.0, 0.0), (0.0, m * (along[0] * phi[j] - across[0] * g[j]), 0.0)
+                )
+                for i in range(n):
+                    stiff = numbers[2, k] * bent[i] * bent[j] + spring * curved[k, i, j]
+                    of_eta[j, i] += stiff - drawn[k, i, j] * (plain[0] + more[0])
+                    of_rise[j, i] += m * g[i] * g[j]
         # by the motion of the root: its joints, then the bus
-        i, c = row, 0
+        i, c, modes = row, 0, np.zeros(n)
         while i >= 0 or c < start:
-            for by_rate in range(2):
+            for of_rates in range(2):
                 if i >= 0:
                     column = start + i
                     change, spin = three(first[i], 0), three(first[i], 3)
-                    if by_rate:
-                        rise, turning = change, spin
+                    if of_rates:
+                        raised, turning = change, spin
                         change, spin = three(axes[i], 0), three(axes[i], 3)
                         lift, lifted = bracket(here[:3], here[3:], change, spin)
-                        lift = plus(plus(ZERO, 2.0, rise), -1.0, lift)
+                        lift = plus(plus(ZERO, 2.0, raised), -1.0, lift)
                         lifted = plus(plus(ZERO, 2.0, turning), -1.0, lifted)
                     else:
                         lift, lifted = bracket(here[:3], here[3:], change, spin)
@@ -254,7 +330,7 @@ def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, wo
                 else:
                     column = c
                     change, spin = (UNITS[c], ZERO) if c < 3 else (ZERO, UNITS[c - 3])
-                    if by_rate:
+                    if of_rates:
                         lift, lifted = bracket(
                             plus(bus[:3], -1.0, here[:3]), plus(bus[3:], -1.0, here[3:]), change, spin
                         )
@@ -263,63 +339,33 @@ def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, wo
                         change, spin = ZERO, ZERO
                 du, dw = seen(turn, place, change, spin)
                 da, dalpha = seen(turn, place, lift, lifted)
-                fallen = da[0] + dw[1] * u[2] + w[1] * du[2] - dw[2] * u[1] - w[2] * du[1]
+                da = plus(plus(da, 1.0, cross(dw, u)), 1.0, cross(w, du))
+                f, about = ZERO, ZERO
+                for e in range(3):
+                    f = plus(f, dw[e], three(by_spin[e], 0))
+                    about = plus(about, dw[e], three(by_spin[e], 3))
                 for k in range(n):
-                    modes[k] = (
-                        swing[k] * dalpha[1]
-                        - ax[k] * fallen
-                        + 2.0 * (w[1] * dw[1] + w[2] * dw[2]) * bx[k]
-                        + 2.0 * dw[1] * slip[k]
-                        - (dw[0] * w[2] + w[0] * dw[2]) * gone[k]
-                    )
-                wrench = rest(dw, 0.0, s_rate, r_rate, p_rate, momentum, 0.0)
-                out = by_v if by_rate else by_q
-                put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, out)
+                    modes[k] = by_rise[k, 0] * da[0] + by_rise[k, 4] * dalpha[1]
+                    for e in range(3):
+                        modes[k] += dw[e] * of_spin[e, k]
+                out = by_v if of_rates else by_q
+                put_column(tree, root, at, on, turn, place, axes, (f, about), modes, column, out)
             if i >= 0:
                 i = tree[i, PARENT]
             else:
                 c += 1
-        # by the bending and its rate
-        first_a = at + MODES + 2 * n
-        first_b, first_c = first_a + n * n, first_a + 2 * n * n
         for k in range(n):
             column, scale = start + int(root[at + MODES + k]), root[at + MODES + n + k]
-            pull, swung, q, p_by, spun = 0.0, 0.0, 0.0, 0.0, 0.0
-            for i in range(n):
-                acceleration = root[at + MODES + n + i] * vdot[start + int(root[at + MODES + i])]
-                by_eta = rises[i, k] - rises[k, i] - sinks[i, k]
-                curved = rises[i, k] + rises[k, i] + sinks[i, k]
-                pull += root[first_a + n * i + k] * acceleration
-                swung += by_eta * acceleration
-                spun += by_eta * rate[i]
-                p_by += curved * rate[i]
-                slid = 0.0
-                for j in range(n):
-                    q += rate[i] * rate[j] * root[first_c + n * (n * k + i) + j]
-                    slid += rate[j] * (
-                        root[first_c + n * (n * i + j) + k] - root[first_c + n * (n * j + i) + k]
-                    )
-                modes[i] = scale * (
-                    by_eta * alpha[1]
-                    - root[first_a + n * i + k] * straight
-                    + (w[1] ** 2 + w[2] ** 2) * root[first_b + n * i + k]
-                    + 2.0 * w[1] * slid
-                    - w[0] * w[2] * curved
-                )
-            moment, inertia = body(ax[k], bx[k], gone[k])
-            f, m = bearing_force(0.0, moment, inertia, u, w, a, alpha)
-            g, o = rest(w, pull, av[k], bv[k], p_by, spun, swung - q)
-            wrench = plus(plus(ZERO, scale, f), scale, g), plus(plus(ZERO, scale, m), scale, o)
-            put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, by_q)
-            for i in range(n):
-                modes[i] = 2.0 * scale * w[1] * (rises[i, k] - rises[k, i])
-            g, o = rest(w, 2.0 * av[k], ax[k], bx[k], gone[k], swing[k], -2.0 * product(sinks[k], rate))
-            wrench = plus(ZERO, scale, g), plus(ZERO, scale, o)
-            put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, by_v)
-            for i in range(n):
-                modes[i] = 0.0
-            wrench = (-scale * ax[k], 0.0, 0.0), (0.0, scale * swing[k], 0.0)
-            put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, mass)
+            for which in range(3):
+                rows, of, out = by_eta, of_eta, by_q
+                if which == 1:
+                    rows, of, out = by_rate, of_rate, by_v
+                elif which == 2:
+                    rows, of, out = by_rise, of_rise, mass
+                f, about = plus(ZERO, scale, three(rows[k], 0)), plus(ZERO, scale, three(rows[k], 3))
+                for i in range(n):
+                    modes[i] = scale * of[k, i]
+                put_column(tree, root, at, on, turn, place, axes, (f, about), modes, column, out)
             for i in range(column):  # what carries a mode comes before it
                 mass[column, i] = mass[i, column]
         at += int(root[at])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-PARENT, KIND, PLACE, TURNING = range(4)  # of `tree`
+# of `tree`; COUPLED is the parent, or of the modes of one beam the one before, which its inertia couples
+PARENT, KIND, PLACE, TURNING, COUPLED = range(5)
 HINGE, SLIDE, ENDLESS = range(3)  # kinds; an endless hinge is stored as (cos, sin)
 ROTATION, POSITION, AXIS, MASS, MOMENT, INERTIA = 0, 9, 12, 15, 16, 19  # where they begin in `bodies`
 ARMATURE, STIFFNESS, DAMPING, COLUMNS = 25, 26, 27, 28

@@ -61,13 +61,12 @@ def symmetrise(p):
 
 
 @compiled
-def correct(p, there, variance, off, errors, sensitivity, innovations, normalised, whitening, gain, step):
-    """Take in the readings (rows,) that are ``there``; write the step (x,) of the state.
+def correct(p, rows, variance, off, errors, sensitivity, innovations, normalised, whitening, gain, step):
+    """Take in the readings of ``rows`` (n,), whitened in that order; write the step (x,) of the state.
 
     Changes the covariance p (x, x), and ``errors`` (rows,) by what the state is ``off`` (x,). Returns the
     log-likelihood without constants, not a number where there is none.
     """
-    rows = np.flatnonzero(there)
     n, width = len(rows), len(p)
     h, across, turned = np.empty((n, width)), np.empty((n, width)), np.empty((width, n))
     s, low, inverse = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))

@@ -198,7 +198,7 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
     scales, point, rates, terms, weights, read_terms, read_weights, columns, pushed = parameters[:9]
     trends, steep, close, regular = parameters[9:]
     at, middle, means, rise, before, after, push_at, push_middle, acts, walk, noise = drive
-    edges, values, attitudes, present, variance, corrections = samples
+    edges, values, attitudes, present, variance, corrections, order = samples
     bodies, root, p = tables[0], roots[0], state.covariance
     nv, nq, n, joints, m = len(state.v), len(state.q), len(values), len(tree), len(point)
     rows, width, free, substeps = values.shape[1], len(p), root[FREE] > 0.0, means.shape[1]
@@ -287,9 +287,10 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                     )
                     for r in range(rows):
                         whole[r, column] += read_weights[i] * other[r]
-            if np.any(present[k]):
+            rows_read = order[present[k][order]]
+            if len(rows_read):
                 likely = correct(
-                    p, present[k], variance, off, record.errors[k], whole, record.innovations[k],
+                    p, rows_read, variance, off, record.errors[k], whole, record.innovations[k],
                     record.normalised[k], record.whitening[k], record.gain[k], step,
                 )  # fmt: skip
                 if not np.isfinite(likely):

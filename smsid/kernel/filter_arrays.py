@@ -10,7 +10,7 @@ from smsid.kernel.readings import Readings
 
 
 class TreeTables(NamedTuple):
-    """A ``tree`` (n, 4); T tables of ``bodies`` (T, n, 28) and ``roots`` (T, 25 + ...), the model's own
+    """A ``tree`` (n, 5); T tables of ``bodies`` (T, n, 28) and ``roots`` (T, 25 + ...), the model's own
     first.
     """
 
@@ -101,7 +101,8 @@ class State(NamedTuple):
 
 class Samples(NamedTuple):
     """What was read: values (n, rows), attitudes (n, a, 4), what is there (n, rows), variances (rows,), and
-    how many ``corrections`` are made; ``edges`` are the times and, where one follows, the next.
+    how many ``corrections`` are made; ``edges`` are the times and, where one follows, the next. Rows are
+    whitened in ``order`` (rows,), each for what those before it do not tell.
     """
 
     edges: np.ndarray
@@ -110,6 +111,7 @@ class Samples(NamedTuple):
     there: np.ndarray
     variance: np.ndarray
     corrections: int
+    order: np.ndarray
 
 
 class Record(NamedTuple):

@@ -6,7 +6,7 @@ from math import isfinite, sqrt
 
 import numpy as np
 
-from smsid.kernel.columns import FREE, PARENT
+from smsid.kernel.columns import COUPLED, FREE
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
 from smsid.kernel.tree import assemble, workspace
@@ -30,7 +30,7 @@ def free_block(tree, base, free, work, out):
             else:
                 above = i
                 while above > j:  # parents come before their children
-                    above = tree[above, PARENT]
+                    above = tree[above, COUPLED]
                 out[r, c] = mass[i, j] if above == j else 0.0
 
 

@@ -5,7 +5,7 @@ vectors about the bus's origin, so they add up without transformations. Mass mat
 bias forces by Newton and Euler, then the factorisation H = L' D L that keeps the zeros of branches
 (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 6 and 8).
 
-Arguments that recur here and in the modules beside: ``tree`` (n, 4), ``bodies`` (n, 28) and ``root``
+Arguments that recur here and in the modules beside: ``tree`` (n, 5), ``bodies`` (n, 28) and ``root``
 (25 + ...,) as `smsid.kernel.arrays` makes them; ``angles`` (n,) [rad | m] of the n joints, each of one degree
 of freedom; ``v``, ``tau`` (nv,); ``gravity`` (3,) [m/s^2] in bus axes.
 """
@@ -19,6 +19,7 @@ from smsid.kernel.columns import (
     ARMATURE,
     AXIS,
     BEAMS,
+    COUPLED,
     DAMPING,
     FORCES,
     FREE,
@@ -71,7 +72,7 @@ def workspace(n):
         np.empty((n, 6)),
         np.empty((6, 6)),
         np.zeros(n + 6),
-        np.zeros((n, 7)),
+        np.zeros((n, 7 + n)),
     )
 
 
@@ -204,8 +205,12 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
         mass[i, i] = dot(linear, f) + dot(angular, m) + body[ARMATURE]
         if bends:
             out[k] -= extra[i, 6]
+            mass[i, i] += extra[i, 7 + i]
             f, m = plus(f, 1.0, three(extra[i], 0)), plus(m, 1.0, three(extra[i], 3))
-        j = parent
+        j = tree[i, COUPLED]
+        while j != parent:  # modes of the same beam
+            mass[i, j] = extra[i, 7 + j] if bends else 0.0
+            j = tree[j, COUPLED]
         while j >= 0:
             mass[i, j] = dot(three(axes[j], 0), f) + dot(three(axes[j], 3), m)
             j = tree[j, PARENT]
@@ -233,18 +238,18 @@ def solve_tree(tree, free, mass, coupling, whole, out):
     for i in range(n - 1, -1, -1):
         inverse = 1.0 / mass[i, i]
         pull, x = six(coupling[i], 0), out[start + i]
-        j = tree[i, PARENT]
+        j = tree[i, COUPLED]
         while j >= 0:
             share = mass[i, j] * inverse
             c = j
             while c >= 0:
                 mass[j, c] -= share * mass[i, c]
-                c = tree[c, PARENT]
+                c = tree[c, COUPLED]
             for c in range(6):
                 coupling[j, c] -= share * pull[c]
             out[start + j] -= share * x
             mass[i, j] = share
-            j = tree[j, PARENT]
+            j = tree[j, COUPLED]
         if free:
             for r in range(6):
                 share = pull[r] * inverse
@@ -273,8 +278,8 @@ def solve_tree(tree, free, mass, coupling, whole, out):
         if free:
             for r in range(6):
                 x -= coupling[i, r] * base[r]
-        j = tree[i, PARENT]
+        j = tree[i, COUPLED]
         while j >= 0:
             x -= mass[i, j] * out[start + j]
-            j = tree[j, PARENT]
+            j = tree[j, COUPLED]
         out[start + i] = x

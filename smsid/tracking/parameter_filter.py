@@ -250,7 +250,8 @@ class ParameterFilter:
         that is there are zero. Raises `SimulationError` when the motion is lost, and nothing is changed then.
         """
         now = self._state()
-        samples = Samples(edges, values, attitudes, np.isfinite(values), self._variance, len(edges))
+        there, rows = np.isfinite(values), np.arange(values.shape[1])
+        samples = Samples(edges, values, attitudes, there, self._variance, len(edges), rows)
         record = filter_samples(self.at.base, self.at, self.at.compiled, drive, now, samples)
         self._take(now)
         self.time, self.last = float(edges[-1]), (edges, drive, values, attitudes, self.commanded)

@@ -289,7 +289,6 @@ def cases() -> list[EffectCase]:
           world="sms", label="damping"),
         c("slosh_wall", _wall("tank", 0.15, 5.0), {"tank": "tank", "gap": 0.14},
           {"gap": 0.15, "stiffness": 5.0}, world="sms"),
-        # the model is of first order in how far the plate is drawn in, the world is not: 11 sigma are left
         c("geometric_stiffness", _hidden("panel", "geometric_stiffness:factor@panel", 1.0),
           {**beam, "factor": 0.0}, {"factor": 1.0}, world="panel"),
         c("frequency_drift", _hidden("panel", "frequency_drift:rate@panel", 5e-4), beam, {"rate": 5e-4},

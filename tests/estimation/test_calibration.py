@@ -71,10 +71,11 @@ def test_information_of_noise_levels_is_half_the_trace():
     whitening = np.tile(np.diag([1.0, 2.0, 0.5]), (n, 1, 1))
     used = np.ones((n, rows), dtype=bool)
     errors = np.zeros((n, rows))
-    here = SimpleNamespace(used=used, errors=errors, whitening=whitening)
-    louder = SimpleNamespace(used=used, errors=errors, whitening=whitening / np.sqrt(1.0 + width))
-    column = _column(here, louder, width)  # S grows in proportion: S^-1 dS = 1
-    assert column @ column == pytest.approx(0.5 * rows * n, rel=1e-3)
+    for given in (np.zeros(rows, dtype=bool), np.array([True, False, False])):
+        here = SimpleNamespace(used=used, errors=errors, whitening=whitening, given=given)
+        louder = SimpleNamespace(used=used, errors=errors, whitening=whitening / np.sqrt(1.0 + width))
+        column = _column(here, louder, width, np.linalg.inv(whitening))  # S grows in proportion: S^-1 dS = 1
+        assert column @ column == pytest.approx(0.5 * (~given).sum() * n, rel=1e-3)
 
 
 def test_errors_that_stay_make_an_estimate_as_uncertain_as_they_do():

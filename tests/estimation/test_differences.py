@@ -22,7 +22,7 @@ from .satellite import Satellite, guess, recorded
 
 @pytest.fixture(scope="module")
 def flight(known, recording):
-    return flight_of(known.point, recording.window(0.0, 1.5), "flight")
+    return flight_of(known.point, recording.window(0.0, 2.0), "flight")
 
 
 @pytest.fixture(scope="module")

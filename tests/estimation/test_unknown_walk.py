@@ -8,15 +8,19 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid.effects import SensorScale
 from smsid.estimation import kalman
+from smsid.estimation.differences import differenced
 from smsid.estimation.flight import flight_of
 from smsid.estimation.kalman import KalmanFilter
+from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Timing, UnknownInput
 from smsid.estimation.smoother import predicted_covariances
+from smsid.estimation.unknowns import unknowns_of
 from smsid.recording import Recording
 
-from .satellite import Satellite, guess
+from .satellite import NOISE, Satellite, guess, recorded
 
 WALK, SECONDS = 0.02, 2.4
 
@@ -77,3 +81,33 @@ def test_a_motor_that_is_held_jumps_at_the_samples(tmp_path, side, plain, monkey
     expected = WALK**2 * step * np.array([[drives @ drives, across], [across, len(jumps)]])
     own = [rate, len(filtered) - 1]
     np.testing.assert_allclose(filtered[np.ix_(own, own)], expected, rtol=1e-6)
+
+
+def turning(t):
+    return np.zeros(3), np.zeros(3), 0.1 * np.sin(np.array([0.9, 1.3, 1.7]) * t)
+
+
+def test_how_far_a_torque_may_wander_is_no_evidence_for_a_scale(tmp_path, monkeypatch):
+    """Wheels that follow their measured rates: a flight's likelihood is of what else is read beside these.
+
+    With theirs it grew by ln(1 + scale) a sample where the scale falls, as the walk is wider than the torque:
+    half a standard deviation and more off in the mean of draws.
+    """
+    monkeypatch.setitem(NOISE, "wheel_rate", 1e-3)  # a better measure of momentum than the gyro
+    truth = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
+    scale = SensorScale(
+        name="scale", sensor="tacho", quantity="wheel_rate", component="rw1", error=0.0, prior={"error": 0.1}
+    )
+    point = Point.of(guess(tmp_path, truth, off=0.0, tank=False, panel=False).with_effects(scale))
+    rng = np.random.default_rng(1)
+    recording = recorded(truth, truth.fly(60.0, turning), rng, without=("gyro.acceleration",))
+    flight = flight_of(point, recording, "turning")
+    unknowns = [u for u in unknowns_of(point).unknowns if u.name == "scale.error"]
+    found = normal_equations(point, unknowns, [flight])
+    exact = differenced(found, [flight])
+    apart = (exact.slope - found.slope) / np.sqrt(found.gram[0, 0])
+    assert abs(float(apart[0])) < 0.02
+    wide = [replace(u, sigma=3.0 * u.sigma, walk=3.0 * u.walk) for u in flight.problem.unknown_inputs]
+    wider = replace(flight, problem=replace(flight.problem, unknown_inputs=tuple(wide)))
+    gained = objective_of(point, unknowns, [wider]) - found.objective
+    assert abs(gained) < 0.5  # of 3 ln(3) a sample

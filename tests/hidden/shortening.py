@@ -2,8 +2,9 @@
 
 A point at x moves by phi(x) eta across and by -u(x) along, with u the integral of (dphi/dx eta)^2 / 2 from
 the root to x, times a share. What the masses' kinetic energy gains by u, to every order, has inertia and
-acceleration terms of its own; they are added as the passive force that makes MuJoCo's acceleration the one of
-the whole equations.
+acceleration terms of its own, and bending to a curvature d^2u/dx^2 beside that across takes E I / 2 times the
+integral of its square; all is added as the passive force that makes MuJoCo's acceleration the one of the
+whole equations.
 """
 
 from __future__ import annotations
@@ -36,6 +37,14 @@ class Shortening:
         self.scale = np.sqrt([m.mass for m in n.plate_modes()])  # mass-normalised per coordinate
         self.across = n.plate.shape(x) * self.scale
         self.along = drawn(n, x) * np.outer(self.scale, self.scale)
+        step = 1e-4 * n.plate.length
+        at = x[:, None] + step * np.arange(-2, 3)
+        before, here, after = (n.plate.shape(at[:, k]) for k in (1, 2, 3))
+        slope, curve = (after - before) / (2.0 * step), (after - 2.0 * here + before) / step**2
+        both = np.einsum("xk,xl->xkl", slope, curve) * np.outer(self.scale, self.scale)
+        self.curved = both + both.transpose(0, 2, 1)
+        p = n.plate
+        self.stiff = 0.5 * weights * p.length * p.young * p.width * p.thickness**3 / 12.0
         modes = range(1, len(self.scale) + 1)
         self.q = np.array([plant.q_of(f"mode{k}") for k in modes])
         self.v = np.array([plant.v_of(f"mode{k}") for k in modes])
@@ -73,9 +82,12 @@ class Shortening:
         jacobian[:, :, :3] = np.eye(3)
         jacobian[:, :, 3:6] = -r @ np.array([_cross(p) for p in place])
         jacobian[:, :, self.v] = r @ moved
+        bent = share * self.curved @ eta
         weight = own @ r.T - np.array(plant.numbers.gravity)
         mass = np.einsum("x,xai,xaj->ij", self.mass, jacobian, jacobian)
-        return mass, np.einsum("x,xai,xa->i", self.mass, jacobian, weight)
+        bias = np.einsum("x,xai,xa->i", self.mass, jacobian, weight)
+        bias[self.v] += 0.5 * (self.stiff * (bent @ eta)) @ bent
+        return mass, bias
 
 
 def drawn(n: Numbers, x: Array) -> Array:

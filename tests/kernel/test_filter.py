@@ -235,8 +235,10 @@ def assert_passes_are_the_same(craft, description, within=1e-10):
     values, attitudes = read(base.outputs, q, v, np.zeros(model.nv), rng)
     values, attitudes = np.tile(values, (N, 1)), np.tile(attitudes, (N, 1, 1))
     values[1, ::3], values[2] = np.nan, np.nan
+    size = values.shape[1]
+    order = rng.permutation(size)
     samples = Samples(
-        STEP * np.arange(N + 1), values, attitudes, np.isfinite(values), np.full(values.shape[1], 1.0), N - 1
+        STEP * np.arange(N + 1), values, attitudes, np.isfinite(values), np.full(size, 1.0), N - 1, order
     )
     p, found = covariance(2 * model.nv + 2, rng), []
     for way in (compiled, None):

@@ -1,0 +1,52 @@
+"""First searches on fewer samples: which flights have them, and what they may not change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.estimation import loosening
+from smsid.estimation.flight import flight_of
+from smsid.estimation.identify_flights import identify_flights
+from smsid.estimation.loosening import thinned
+from smsid.estimation.parameter_vector import Point
+
+from .satellite import Satellite, guess, recorded
+
+RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
+
+
+def pushed(t):
+    force = np.array([2.0 * np.sin(0.5 * t), np.cos(0.4 * t), np.sin(0.3 * t)])
+    return force, np.zeros(3), 0.1 * np.sin(np.array([0.9, 1.3, 1.7]) * t)
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return recorded(RIGID, RIGID.fly(20.0, pushed), np.random.default_rng(1), every=1)
+
+
+def test_only_long_flights_of_one_rate_have_fewer_samples(tmp_path, recording, monkeypatch):
+    flight = flight_of(Point.of(guess(tmp_path, RIGID, tank=False, panel=False)), recording, "flight")
+    assert thinned(flight) is flight  # 201 samples would be left
+    monkeypatch.setattr(loosening, "MANY", 200)
+    fewer = thinned(flight).problem
+    assert len(fewer.data.times) == 201 and len(flight.problem.data.times) == 1001
+    assert fewer.substep == pytest.approx(0.025)
+    values = flight.problem.data.values.copy()
+    values[np.arange(1001) % 5 != 2, 0] = np.nan  # every fifth: none of them is among the samples left
+    data = replace(flight.problem.data, values=values)
+    slower = replace(flight, problem=replace(flight.problem, data=data))
+    assert thinned(slower) is slower
+
+
+def test_they_do_not_change_what_is_found(tmp_path, recording, monkeypatch):
+    description, found = guess(tmp_path, RIGID, tank=False, panel=False), []
+    for many in (200, 10_000):
+        monkeypatch.setattr(loosening, "MANY", many)
+        found.append(identify_flights(description, [recording]).estimate)
+    for p in found[1].parameters:
+        assert abs(found[0][p.name].value - p.value) < 0.1 * p.sigma
+        assert found[0][p.name].sigma == pytest.approx(p.sigma, rel=1e-2)
