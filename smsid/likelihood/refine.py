@@ -14,7 +14,9 @@ from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, distinct
+from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import Identification
+from smsid.identify.stationary_joints import Still, taken_away
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit
@@ -40,8 +42,9 @@ from smsid.likelihood.report import (
     with_profiles,
 )
 from smsid.likelihood.search import search
-from smsid.likelihood.stationary_joints import held_joints, not_seen
 from smsid.model import build_model
+from smsid.model.identifiable import BaseParameters
+from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 
 UNRESOLVED = (
@@ -272,3 +275,31 @@ def prior_shares(normal: Normal, jacobian: np.ndarray, covariance: np.ndarray) -
     spread = jacobian @ covariance
     variance = np.diag(normal.covariance_of(jacobian))
     return np.einsum("ij,jk,ik->i", spread, normal.prior, spread) / variance
+
+
+RESTING = 1e-7  # [rad/s] by which a held rate may vary: little of its noise was left (`measured_drive`)
+
+
+def held_joints(at: Parameters, predictions: Sequence[Prediction]) -> Still:
+    """Return the joints and wheels that are held in all of the motions."""
+    if not predictions:
+        return Still()
+    model = at.layout.model
+
+    def constant(columns: np.ndarray) -> tuple[int, ...]:
+        spread = [np.ptp(p.v[:, columns], axis=0) for p in predictions]
+        return tuple(np.flatnonzero(np.max(spread, axis=0) < RESTING).tolist())
+
+    return Still(constant(model.arm_joints.v), constant(model.wheels.v))
+
+
+def not_seen(at: Parameters, described: Parameters, still: Still, base: BaseParameters) -> list[Combination]:
+    """Return what is not among the ``base`` because joints stand still: the prior alone knows it."""
+    model, theta, jacobian = at.layout.model, at.theta(), at.theta_jacobian()
+    full = np.eye(len(theta)) + carried_matrix(at.layout.model, Regressor(model))
+    out = []
+    for c in taken_away(model, still.joints, base):
+        row = c.row @ full
+        value, nominal = float(row @ theta), float(row @ described.theta())
+        out.append(Combination(c.name, c.unit, value, row @ jacobian, nominal))
+    return out
