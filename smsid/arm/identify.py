@@ -15,7 +15,6 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates, effect_columns
 from smsid.arm.comparison import JudgedArm, TorqueComparison
-from smsid.arm.delay import IN_STEP, AngleDelay, delay_note, torque_means
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
 from smsid.arm.level import SHOWN, Level, with_gravity
@@ -23,7 +22,7 @@ from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression
 from smsid.arm.setup import with_held_joints
 from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
-from smsid.arm.solve import settled_load, solve_equations
+from smsid.arm.solve import IN_STEP, AngleDelay, delay_note, settled_load, solve_equations, torque_means
 from smsid.description import Description
 from smsid.effects import Effect
 from smsid.effects.assembly import Assembly

@@ -10,8 +10,8 @@ import numpy as np
 
 from smsid.comparison.result import NotComparable
 from smsid.estimation.inertial_combinations import about_centre
-from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate
+from smsid.identify.parameter_estimate import parse_combination
 from smsid.model.regressor import INERTIAL_NAMES
 
 ROUNDED = 5e-5  # factors in names have four digits

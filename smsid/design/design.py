@@ -15,7 +15,7 @@ from smsid.description.schema import Description
 from smsid.design.forecast import exact_information
 from smsid.design.goal import CRITERIA, Criterion, Goal, needs_motion
 from smsid.design.limits import Limits, experiment_use
-from smsid.design.minimum_time import minimum_time_design
+from smsid.design.minimum_time import Progress, Watch, minimum_time_design
 from smsid.design.moving import Moving, design_motion, within_limits
 from smsid.design.thrusting import (
     Thrusting,
@@ -26,7 +26,6 @@ from smsid.design.thrusting import (
     paper_thrust,
     scale_thrust,
 )
-from smsid.design.watch import Progress, Watch
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, LimitUse
 from smsid.likelihood.parameters import Parameters

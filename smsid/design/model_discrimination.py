@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.design.limits import Limits
+from smsid.design.minimum_time import Progress, Watch
 from smsid.design.trials import Trials, families
-from smsid.design.watch import Progress, Watch
 from smsid.diagnose.diagnose import RATE
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import Nominal, nominal

@@ -17,7 +17,7 @@ import pinocchio as pin
 from smsid.design.forecast import Forecast, once_integrated, wheel_inertias
 from smsid.design.goal import Criterion, Goal, goal_of
 from smsid.design.limits import Limits, experiment_use, least
-from smsid.design.watch import Watch
+from smsid.design.minimum_time import Watch
 from smsid.errors import ExperimentError, SmsidError
 from smsid.experiments import Experiment, FourierProfile, LimitUse
 from smsid.inputs.signals import Fourier

@@ -1,8 +1,8 @@
 """Identification: estimators, from arrays to numbers with intervals.
 
 `identify` takes a description and recordings of the paper's two experiments. Below it are its steps:
-regressions of each experiment (`identify_translation`, `step_a`, `step_b`), modes (`panel_modes`, `ssi_cov`), total
-least squares.
+regressions of each experiment (`identify_translation`, `step_a`, `step_b`), modes (`panel_modes`, `ssi_cov`),
+total least squares.
 """
 
 from typing import TYPE_CHECKING

@@ -16,8 +16,8 @@ from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.estimate import Estimate, classify
 from smsid.identify.modes import Mode, Poles
+from smsid.identify.ssi import block_hankel, checked_orders, observability_poles
 from smsid.identify.ssi_decimate import decimate, filter_length
-from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles
 from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
 from smsid.lab.decay import mode_parameters
 from smsid.lab.output_spectra import band_kurtosis, correlation_window, spectral_lines

@@ -19,8 +19,7 @@ from smsid.identify.paper.pipeline import Identification
 from smsid.identify.stationary_joints import Still, taken_away
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
-from smsid.likelihood.fit import Fit
-from smsid.likelihood.history import history_of
+from smsid.likelihood.fit import Fit, history_of
 from smsid.likelihood.initial_guess import best_start, candidates
 from smsid.likelihood.knots import motion_ratio, refined_motion, resolve_motion
 from smsid.likelihood.normal import Normal

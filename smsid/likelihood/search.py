@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, fit
-from smsid.likelihood.history import Iterate
+from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, Iterate, fit
 from smsid.likelihood.normal import normal_at
 from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues, deviation, zero_clocks
 from smsid.likelihood.outputs import Kinematics

@@ -19,11 +19,10 @@ from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
 from smsid.report.diagnosis_shares import Shares, alias_matrix, rescore, share_map, share_ranking, shares_of
-from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
+from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, plain_words, remaining_table
 from smsid.report.model import Part, Provenance, Report, Section, Table, Text, Tone, notes_section
 from smsid.report.numbers import number, share
 from smsid.report.open_loop import OpenLoop, story_section
-from smsid.report.plain_words import plain_words
 from smsid.report.residuals import explored
 from smsid.report.spectra import spectrum_grid
 from smsid.report.traces import Trace, rotation_vectors

@@ -7,8 +7,8 @@ import numpy as np
 from smsid.cli.demo import identify_craft
 from smsid.datasets import demonstration
 from smsid.identify.estimate import classify
+from smsid.report.demo import TrueWorld, described_bodies
 from smsid.report.parameters import reported_parameters
-from smsid.report.truth import TrueWorld, described_bodies
 
 
 def test_a_combination_is_taken_apart_whatever_else_has_its_name():

@@ -14,10 +14,10 @@ from smsid.effects.assembly import AppendageJoints
 from smsid.effects.slosh import Slosh
 from smsid.identify.appendage_modes import PanelModes
 from smsid.identify.estimate import ParameterEstimate, classify
-from smsid.identify.identified import match_modes
+from smsid.identify.modes import match_modes
 from smsid.identify.paper.combined import Combined, combine
 from smsid.identify.paper.exp1_panels import PanelShares, is_density, panels_of
-from smsid.identify.paper.mode_noise import ModeSigma
+from smsid.identify.paper.noise_replicates import ModeSigma
 from smsid.identify.paper.translation import AxisEstimate
 from smsid.model.spacecraft import SpacecraftModel
 

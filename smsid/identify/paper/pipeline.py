@@ -18,7 +18,7 @@ from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
 from smsid.identify.gap_filling import LONGEST, Mended, fill_gaps
-from smsid.identify.identified import identified_modes
+from smsid.identify.modes import identified_modes
 from smsid.identify.paper.exp1 import identify_translation
 from smsid.identify.paper.exp1_described import check_moves
 from smsid.identify.paper.exp1_result import TranslationResult

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.recording.checks import sample_faults
-from smsid.recording.checks.finding import Finding
 from smsid.recording.checks.increments import KinematicPair, integral
-from smsid.recording.checks.pair_check import PairCheck, component_labels
-from smsid.recording.checks.unit_causes import PAIRS
+from smsid.recording.checks.pair_check import PAIRS, PairCheck, component_labels
+from smsid.recording.checks.sample_faults import Finding
 
 if TYPE_CHECKING:
     from smsid.recording.recording import Recording
