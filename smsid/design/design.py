@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.design.forecast import exact_information
 from smsid.design.goal import CRITERIA, Criterion, Goal, needs_motion
@@ -40,6 +40,7 @@ FULL = 0.99  # share of what may be used at which a limit counts as what holds t
 QUICK = 0.4  # effort for a motion while its duration is sought
 
 
+@single_threaded
 def design_experiment(
     description: Description,
     wanted: Sequence[str],
@@ -89,66 +90,63 @@ def design_experiment(
         raise ExperimentError(f"Thrust axes are letters of 'xyz', not '{axes}'.")
     if not wanted:
         raise ExperimentError("Nothing is asked for.", advice="For instance: slosh, inertia, b_s.")
-    with threadpool_limits(limits=1, user_api="blas"):
-        model, kind = build_model(description), mode
-        if kind == "auto":
-            kind = "motion" if needs_motion(Parameters.of(model), wanted) else "thrust"
-        watch: Watch[Any] = Watch(progress)
-        last: list[np.ndarray] = []  # what the search for another duration ended with
-        first: list[Moving] = []
+    model, kind = build_model(description), mode
+    if kind == "auto":
+        kind = "motion" if needs_motion(Parameters.of(model), wanted) else "thrust"
+    watch: Watch[Any] = Watch(progress)
+    last: list[np.ndarray] = []  # what the search for another duration ended with
+    first: list[Moving] = []
 
-        def designed(length: float) -> Thrusting | Moving:
-            rng = np.random.default_rng(seed)
-            if kind == "thrust":
-                used = (
-                    axes if axes is not None or not last else axes_of(last[0])
-                )  # the same for all durations
-                return design_thrust(model, wanted, criterion, limits, length, rng, watch, last, used)
-            start, work = last[0] if last else None, effort if to is None else QUICK * effort
-            made, origin = design_motion(model, wanted, criterion, limits, length, rng, watch, start, work)
-            first[:] = [origin]
-            return made
+    def designed(length: float) -> Thrusting | Moving:
+        rng = np.random.default_rng(seed)
+        if kind == "thrust":
+            used = axes if axes is not None or not last else axes_of(last[0])  # the same for all durations
+            return design_thrust(model, wanted, criterion, limits, length, rng, watch, last, used)
+        start, work = last[0] if last else None, effort if to is None else QUICK * effort
+        made, origin = design_motion(model, wanted, criterion, limits, length, rng, watch, start, work)
+        first[:] = [origin]
+        return made
 
-        def search(length: float) -> tuple[float, Thrusting | Moving]:
-            watch.restarted(f"{kind} of {length:.4g} s")
-            try:
-                made = designed(length)
-            except KeyboardInterrupt:
-                if watch.best is None:
-                    raise
-                watch.interrupted, made = True, watch.best
-            last[:] = [made.thrust if isinstance(made, Thrusting) else made.point]
-            return float(made.goal.relative(made.covariance).max()), made
+    def search(length: float) -> tuple[float, Thrusting | Moving]:
+        watch.restarted(f"{kind} of {length:.4g} s")
+        try:
+            made = designed(length)
+        except KeyboardInterrupt:
+            if watch.best is None:
+                raise
+            watch.interrupted, made = True, watch.best
+        last[:] = [made.thrust if isinstance(made, Thrusting) else made.point]
+        return float(made.goal.relative(made.covariance).max()), made
 
-        def whole(length: float) -> float:
-            ticks = intervals_of(60.0)
-            return ticks * round(length / ticks, 2) if kind == "thrust" else round(length, 1)
+    def whole(length: float) -> float:
+        ticks = intervals_of(60.0)
+        return ticks * round(length / ticks, 2) if kind == "thrust" else round(length, 1)
 
-        def held_back(made: Thrusting | Moving) -> str:
-            moving = isinstance(made, Moving)
-            uses = (
-                within_limits(model, made, limits)[1]
-                if moving
-                else experiment_use(model, made.experiment, limits)
-            )
-            return _held_back(uses, limits)
+    def held_back(made: Thrusting | Moving) -> str:
+        moving = isinstance(made, Moving)
+        uses = (
+            within_limits(model, made, limits)[1]
+            if moving
+            else experiment_use(model, made.experiment, limits)
+        )
+        return _held_back(uses, limits)
 
-        if to is None:
-            _, made = search(duration or DURATION[kind])
-        else:
-            most = duration or LONGEST
-            made = minimum_time_design(search, to, DURATION[kind], most, whole, watch, held_back)
-        made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
-        if isinstance(made, Moving):
-            made, uses = within_limits(model, made, limits)
-            before = within_limits(model, first[0] if first else made, limits)[0].experiment
-            return _finished(model, made, uses, before, watch, to, limits)
+    if to is None:
+        _, made = search(duration or DURATION[kind])
+    else:
+        most = duration or LONGEST
+        made = minimum_time_design(search, to, DURATION[kind], most, whole, watch, held_back)
+    made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
+    if isinstance(made, Moving):
+        made, uses = within_limits(model, made, limits)
+        before = within_limits(model, first[0] if first else made, limits)[0].experiment
+        return _finished(model, made, uses, before, watch, to, limits)
+    uses = experiment_use(model, made.experiment, limits)
+    over = limit_share(uses, limits)
+    if over > 1.0 + 1e-6:
+        made = scale_thrust(made, 0.9999 / over)
         uses = experiment_use(model, made.experiment, limits)
-        over = limit_share(uses, limits)
-        if over > 1.0 + 1e-6:
-            made = scale_thrust(made, 0.9999 / over)
-            uses = experiment_use(model, made.experiment, limits)
-        return _finished(model, made, uses, paper_thrust(model, made, limits), watch, to, limits)
+    return _finished(model, made, uses, paper_thrust(model, made, limits), watch, to, limits)
 
 
 def _finished(

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, distinct
@@ -86,6 +86,7 @@ class Refinement:
         return self.estimate.correlation(first, second)
 
 
+@single_threaded
 def refine(
     description: Description,
     recordings: Sequence[Recording],
@@ -113,18 +114,6 @@ def refine(
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` when the search does not come to
     rest, `DescriptionError` for a spacecraft it cannot predict.
     """
-    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
-        return _refine(description, recordings, start, nuisance or Nuisance(), cad, of_parts)
-
-
-def _refine(
-    description: Description,
-    recordings: Sequence[Recording],
-    start: Identification | Refinement | None,
-    nuisance: Nuisance,
-    cad: Cad | None,
-    of_parts: bool,
-) -> Refinement:
     began = time.perf_counter()
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
@@ -137,7 +126,7 @@ def _refine(
         recording.check_consistency()
     model = build_model(description)
     described = Parameters.of(model)
-    pairs = [piece_of(model, r, nuisance) for r in recordings]
+    pairs = [piece_of(model, r, nuisance or Nuisance()) for r in recordings]
     names = distinct(p.name for p, _ in pairs)  # two flights of one experiment may be called the same
     pieces = [replace(p, name=n) for (p, _), n in zip(pairs, names, strict=True)]
     locals_ = tuple(local for _, local in pairs)
