@@ -54,20 +54,6 @@ class ClockTable(_Table):
         return self
 
 
-class CsvTable(_Table):
-    """``[csv]``: what cannot be found out from the file itself."""
-
-    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
-    decimal: Literal[".", ","] | None = None
-    skip_rows: Annotated[int, Field(ge=0)] = 0
-    names: tuple[str, ...] | None = None
-    missing: tuple[Text, ...] = ()
-
-    def format(self) -> CsvFormat:
-        """Give it as the readers take it."""
-        return CsvFormat(self.delimiter, self.decimal, self.skip_rows, self.names, self.missing)
-
-
 class ChannelTable(_Table):
     """``[channel."imu.acceleration"]``: where a channel comes from and how it is written there.
 
@@ -130,7 +116,7 @@ class ImportMapping(_Table):
     recording: RecordingTable = RecordingTable()
     time: ClockTable | None = None
     clock: dict[str, ClockTable] = Field(default_factory=dict)
-    csv: CsvTable = CsvTable()
+    csv: CsvFormat = CsvFormat()
     channel: Annotated[dict[str, ChannelTable], Field(min_length=1)]
 
 
@@ -285,7 +271,7 @@ def _problem(item: dict[str, Any]) -> str:
 _KEYS = sorted(
     {
         key
-        for table in (ImportMapping, RecordingTable, ClockTable, CsvTable, ChannelTable)
+        for table in (ImportMapping, RecordingTable, ClockTable, CsvFormat, ChannelTable)
         for key in table.model_fields
     }
 )
