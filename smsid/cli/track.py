@@ -88,6 +88,14 @@ def track_command(
         ),
     ] = 120.0,
     changes: Changes = False,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth",
+            help="also say what is known of each time from all that was read, before and after; takes two to "
+            "five times as long",
+        ),
+    ] = False,
     save: SavedTracker = None,
     report: ReportPath = None,
     show_all: ShowAll = False,
@@ -103,7 +111,7 @@ def track_command(
     described = load_description(description)
     loaded, known = read_recordings(recordings, unchecked), read_estimate(estimate)
     if method == "momentum":
-        refused = {"--follow": follow, "--hold": hold, "--save": save, "--changes": changes}
+        refused = {"--follow": follow, "--hold": hold, "--save": save, "--changes": changes, "--smooth": smooth}
         if given := [name for name, value in refused.items() if value]:
             raise SmsidError(
                 f"{given[0]} is for --method filter.",
@@ -124,6 +132,7 @@ def track_command(
             history, tracker = track_recordings(
                 described, loaded, follow=rates_of(follow or ()) or None, hold=hold or (), estimate=known,
                 cad=cad, gap=gap, warm_up=warm_up, false_alarms=FALSE_ALARMS if changes else None,
+                smooth=smooth,
             )  # fmt: skip
         if save is not None:
             save_tracker(tracker, save)

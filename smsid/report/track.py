@@ -66,9 +66,17 @@ def _parameter(history: TrackHistory, i: int, starts: list[float]) -> Figure:
     later = slice(len(t) // 4, None)
     middle, spread = float(np.median(x[later])), float(np.ptp(np.concatenate([low[later], high[later]])))
     within = (middle - WIDEST * spread, middle + WIDEST * spread) if spread > 0.0 else None
+    smoothed = ()
+    if history.smoothed is not None:
+        y, r = (k[:, i] for k in (history.smoothed.values, history.smoothed.sigmas))
+        smoothed = (
+            Band("smoothed", t, y - WIDE * r, y + WIDE * r, colour=1),
+            Curve("smoothed", t, y, colour=1),
+        )
     marks = (
         Band("two standard deviations", t, low, high),
         Curve(name, t, x),
+        *smoothed,
         Rule("as described", float(history.described[i]), upright=False, colour=2),
         *(Rule("", start) for start in starts),
     )

@@ -22,8 +22,9 @@ from scipy.stats import chi2
 
 from smsid._short_repr import short_repr
 from smsid.estimation.parameter_vector import Unknown
+from smsid.tracking.course import PASS
 from smsid.tracking.jump_runs import CLOCK, JumpRuns, Rerun, Start, likelier, reach_of
-from smsid.tracking.tracker import PASS, Tracker
+from smsid.tracking.tracker import Tracker
 from smsid.tracking.update import Update
 
 HOUR = 3600.0  # [s]
@@ -106,7 +107,7 @@ class ChangeDetector:
     changes: list[Change] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.tracker.longest_pass = PASS[0]  # a start lies between passes
+        self.tracker.course.longest_pass = PASS[0]  # a start lies between passes
         self.tracker.rescue = self.rescue
         self._starts: list[Start] = []
         self._last, self._number, self._next = -np.inf, 0, -np.inf
@@ -189,7 +190,7 @@ class ChangeDetector:
 
     def _tell(self, found: _Found) -> Change:
         """Let the filter go on with a change, and remember it."""
-        self._take(found.run)
+        self._take(found, len(self.changes))
         self._found, self._due = found, found.due(self._last)
         self.changes.append(self._with_size(found))
         return self.changes[-1]
@@ -300,7 +301,7 @@ class ChangeDetector:
             run = likelier(run, self._runs.found_anew(start, index, point, alarm - 2 * self.every, alarm))
         if run is not None:
             found.run = self._runs.refined(start, index, run, min(found.run.grid, run.grid))
-            self._take(found.run)
+            self._take(found, len(self.changes) - 1)
         self.changes[-1] = self._with_size(found)
         self._due = found.due(now)
         if self._due <= now:
@@ -313,13 +314,16 @@ class ChangeDetector:
         jumps, run = f.values[index] - before.values[index], found.run
         return replace(found.change, began=run.onset, grid=run.grid, jumps=jumps, sigmas=sigmas)
 
-    def _take(self, run: Rerun) -> None:
+    def _take(self, found: _Found, number: int) -> None:
         """Let the tracker's filter go on from a run; what that leaves unexplained may be in any of it."""
+        run, index = found.run, found.index
         f, g = self.tracker.filter, run.filter
         f.q, f.v, f.unknown, f.values, f.at = g.q, g.v, g.unknown, g.values, g.at
         f.covariance = max(1.0, run.left) * g.covariance if np.isfinite(run.left) else g.covariance
         f.known_at = f.sigmas()
         f.forget_beginning()
+        jump = f.values[index] - found.start.before.values[index]
+        self.tracker.course.jumped(f, number, run.onset, index, jump)
 
 
 def groups_of(unknowns: Sequence[Unknown]) -> Mapping[str, np.ndarray]:

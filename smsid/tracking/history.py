@@ -22,7 +22,29 @@ if TYPE_CHECKING:
 
 SCHEMA = "smsid.track"
 VERSION = 1
+SMOOTHED = (
+    ("value", "values", "parameter"),
+    ("sigma", "sigmas", "parameter"),
+    *((name, name, "dof") for name in ("position", "position_sigma", "velocity", "velocity_sigma")),
+)  # name in a file, field, second dimension
 FALSE_ALARMS = 0.1  # per hour, where changes are asked for
+
+
+@short_repr
+@dataclass(frozen=True, eq=False)
+class SmoothedTrack:
+    """What is known of each time of a history from all that was read, before and after (fixed interval).
+
+    ``values``, ``sigmas`` (N, m) of the parameters, ``position``, ``velocity`` (N, nv) with their standard
+    deviations: as in `TrackHistory`.
+    """
+
+    values: np.ndarray
+    sigmas: np.ndarray
+    position: np.ndarray
+    position_sigma: np.ndarray
+    velocity: np.ndarray
+    velocity_sigma: np.ndarray
 
 
 @short_repr
@@ -35,7 +57,8 @@ class TrackHistory:
     their standard deviations of the degrees of freedom ``dofs`` (of a free bus: place [m] and attitude as
     rotation vector [rad], twist in body axes [m/s, rad/s]). ``fit`` (N, channels) is the root mean square of
     the normalised innovations since the time before: one while the model is right. ``covariance`` (m, m) is
-    that of the parameters at the end.
+    that of the parameters at the end. ``smoothed`` is what is known of each time from all that was read,
+    where that was asked for.
     """
 
     description: str
@@ -59,18 +82,21 @@ class TrackHistory:
     events: tuple[Event, ...] = ()
     notes: tuple[str, ...] = ()
     conditions: Mapping[str, float] = field(default_factory=dict)
+    smoothed: SmoothedTrack | None = None
 
-    def parameter(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return values and standard deviations (N,) of a parameter.
+    def parameter(self, name: str, *, smoothed: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Return values and standard deviations (N,) of a parameter, from what was read until then, or all.
 
-        Raises `RecordingError` for one that was not followed.
+        Raises `RecordingError` for one that was not followed, and where nothing was smoothed.
         """
         if name not in self.names:
             raise RecordingError(
                 f"'{name}' was not followed.", advice=f"Followed were {', '.join(self.names)}."
             )
-        i = self.names.index(name)
-        return self.values[:, i], self.sigmas[:, i]
+        if smoothed and self.smoothed is None:
+            raise RecordingError("The track was not smoothed.", advice="Make it again with --smooth.")
+        i, own = self.names.index(name), self.smoothed if smoothed and self.smoothed else self
+        return own.values[:, i], own.sigmas[:, i]
 
     def estimate(self) -> Estimate:
         """Return what is known at the end, as an estimate with its covariance."""
@@ -117,6 +143,9 @@ class TrackHistory:
             "velocity_sigma": (over("dof"), self.velocity_sigma),
             "fit": (over("channel"), self.fit),
         }
+        if self.smoothed is not None:
+            for name, key, second in SMOOTHED:
+                variables[f"smoothed_{name}"] = over(second), getattr(self.smoothed, key)
         coordinates = {
             "time": ("time", self.time, {"unit": "s"}),
             "parameter": list(self.names),
@@ -168,6 +197,9 @@ def _history(found: xr.Dataset) -> TrackHistory:
     arrays = {
         key: found[key].values for key in ("time", "own_time", "recording", "described", "fit", "covariance")
     }
+    smoothed = None
+    if "smoothed_value" in found:
+        smoothed = SmoothedTrack(**{key: found[f"smoothed_{name}"].values for name, key, _ in SMOOTHED})
     motion = {k: found[k].values for k in ("position", "position_sigma", "velocity", "velocity_sigma")}
     return TrackHistory(
         description=str(found.attrs["description"]),
@@ -180,6 +212,7 @@ def _history(found: xr.Dataset) -> TrackHistory:
         channels=tuple(map(str, found["channel"].values)),
         events=tuple(map(_event, words["events"])),
         notes=tuple(words["notes"]),
+        smoothed=smoothed,
         **arrays,  # type: ignore[arg-type]
         **motion,  # type: ignore[arg-type]
     )

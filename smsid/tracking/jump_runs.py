@@ -7,7 +7,7 @@ many standard deviations: its time is sought to a sample, its size by Gauss and 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -155,8 +155,7 @@ class JumpRuns:
         """
         g, opened, fresh, likely, squares, count = start.before.snapshot(), False, True, 0.0, 0.0, 0
         jump = point - g.values[index]
-        # so that what is known before pulls at no large one
-        reach = np.hypot([reach_of(g.followed[i].unknown) for i in index], WIDER * jump)
+        reach = reach_of_jump([g.followed[i].unknown for i in index], jump)
         try:
             for edges, drive, values, attitudes, commanded in self._split(g.time, onset):
                 if edges[0] >= onset - CLOCK and (not opened or edges[0] < opening - CLOCK):
@@ -175,12 +174,9 @@ class JumpRuns:
                 if g.at.drives and opened:  # commands act otherwise after the jump
                     drive = g.drive(commanded[0], commanded[1], edges, drive.before[0])
                 if opened and fresh:  # at any time in this step: the motion is uncertain by that
-                    fresh, moved = False, np.zeros(len(g.covariance))
-                    moved[g.parameters.start + index] = jump / g.scales[index]
-                    for change in g.snapshot().go_on(edges, drive, values, attitudes).transition:
-                        moved = change @ moved
-                    moved[2 * g.nv :] = 0.0
-                    g.covariance = g.covariance + np.outer(moved, moved)
+                    fresh, whole = False, np.zeros(len(g.values))
+                    whole[index] = jump
+                    g.uncertain_within(whole, (edges, drive, values, attitudes))
                 if follows and edges[0] >= opening - CLOCK and g.begun is None:
                     g.begun = copy(g)
                 record = g.go_on(edges, drive, values, attitudes)
@@ -211,6 +207,11 @@ def likelier(*runs: Rerun | None) -> Rerun | None:
     """Return the likeliest of runs that there are."""
     there = [r for r in runs if r is not None]
     return max(there, key=lambda r: r.likely) if there else None
+
+
+def reach_of_jump(unknowns: Sequence[Unknown], jump: np.ndarray) -> np.ndarray:
+    """Return standard deviations (k,) for a jump (k,): what is known before pulls at no large one."""
+    return np.hypot([reach_of(u) for u in unknowns], WIDER * jump)
 
 
 def reach_of(unknown: Unknown) -> float:

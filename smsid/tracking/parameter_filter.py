@@ -68,6 +68,7 @@ class ParameterFilter:
         self.at = Linearisation(self.origin, self.followed, self.values, self.layout, self.locked)
         self.known_at = self.sigmas()
         self.rebuilt = 0
+        self.refiltered: tuple[np.ndarray, np.ndarray] | None = None  # about which values, and `offset`
         self.forget_beginning()
 
     @property
@@ -164,6 +165,7 @@ class ParameterFilter:
             moved = self.begun.covariance[:n, :n] @ (score + information @ self.offset) - self.offset
             self._take(end)
             self.offset = self.offset + moved
+            self.refiltered = self.at.values, self.offset
             if moved @ information @ moved < SETTLED:
                 return
 
@@ -194,6 +196,17 @@ class ParameterFilter:
         self.since: list[tuple] = []
         self.again, self.moved = 0.0, False  # [s] of it that were filtered again
         self.offset = np.zeros(2 * self.nv)  # of the motion where it began, by what was read since
+
+    def uncertain_within(self, jump: np.ndarray, passed: tuple) -> None:
+        """Add what a jump (m,) of parameters at any time in a step does to the motion; the step is ``passed``
+        as `go_on` takes it.
+        """
+        moved = np.zeros(len(self.covariance))
+        moved[self.parameters] = jump / self.scales
+        for change in self.snapshot().go_on(*passed).transition:
+            moved = change @ moved
+        moved[2 * self.nv :] = 0.0
+        self.covariance = self.covariance + np.outer(moved, moved)
 
     def snapshot(self) -> ParameterFilter:
         """Return the filter as it is now, to go its own way."""

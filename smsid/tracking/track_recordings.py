@@ -11,7 +11,7 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.errors import RecordingError
+from smsid.errors import RecordingError, SimulationError
 from smsid.estimation.commands_between_samples import with_timing
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.identify_flights import labels_of
@@ -24,9 +24,11 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.tracking.change_detection import ChangeDetector
+from smsid.tracking.course import Course
 from smsid.tracking.fit_watch import FitWatch
+from smsid.tracking.fixed_interval import Retraced
 from smsid.tracking.followed_parameters import UNCERTAIN
-from smsid.tracking.history import TrackHistory
+from smsid.tracking.history import SmoothedTrack, TrackHistory
 from smsid.tracking.sample import samples_of
 from smsid.tracking.sample_buffer import Event
 from smsid.tracking.setting import Setting
@@ -37,6 +39,8 @@ from smsid.tracking.warm_up import linearise_by_search
 LOGGER = logging.getLogger(__name__)
 WARM_UP = 120.0  # [s]
 MOST_ROWS = 4000  # of a history, unless asked for more
+SMOOTHINGS = 4  # at most, each about what the one before found
+ROOM = 4e8  # bytes for what is kept of a run until it is smoothed
 
 
 def track_recordings(
@@ -53,6 +57,7 @@ def track_recordings(
     warm_up: float = WARM_UP,
     hear: Callable[[Update], None] | None = None,
     false_alarms: float | None = None,
+    smooth: bool = False,
 ) -> tuple[TrackHistory, Tracker]:
     """Run a tracker through recordings and return what it found over time, and the tracker as it ends.
 
@@ -73,6 +78,8 @@ def track_recordings(
         hear: hears every update.
         false_alarms: seek changes, as `ChangeDetector` does, with at most so many false alarms per hour; they
             are among the history's events. Nothing is sought if not given.
+        smooth: also say what is known of each time from all that was read (`smsid.tracking.fixed_interval`);
+            the filter runs once more for it, and there are no more rows than fit into `ROOM`.
 
     Raises:
         RecordingError: no recording, or one that cannot be used.
@@ -85,37 +92,43 @@ def track_recordings(
         raise RecordingError(f"A gap of {gap} s is none.", advice="Give zero or more seconds.")
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in the way
         asked = (follow, hold, estimate, cad)
-        return _track(description, recordings, asked, options, gap, every, warm_up, hear, false_alarms)
+        how = options, gap, every, warm_up, smooth
+        return _track(description, recordings, asked, how, hear, false_alarms)
 
 
 def _track(
     description: Description,
     recordings: Sequence[Recording],
     asked: tuple[Mapping[str, float | None] | None, Sequence[str], Estimate | None, Cad | None],
-    options: FlightOptions | None,
-    gap: float,
-    every: float | None,
-    warm_up: float,
+    how: tuple[FlightOptions | None, float, float | None, float, bool],
     hear: Callable[[Update], None] | None,
     false_alarms: float | None,
 ) -> tuple[TrackHistory, Tracker]:
     follow, hold, estimate, cad = asked
+    options, gap, every, warm_up, smooth = how
     described = Point.of(modal_panels(description)[0])
     labels = labels_of(recordings)
     flights = [flight_of(described, r, name, options) for r, name in zip(recordings, labels, strict=True)]
     channels = dict.fromkeys(b.channel for f in flights for b in f.problem.data.blocks)
     setting = Setting.of_flight(flights[0])
     seen = set(channels) - set(setting.channels)
-    tracker = Tracker(description, follow=follow, hold=hold, estimate=estimate, cad=cad, setting=setting)
+
+    def new() -> Tracker:
+        return Tracker(description, follow=follow, hold=hold, estimate=estimate, cad=cad, setting=setting)
+
+    tracker = new()
+    tracker.course.kept = smooth
     if seen:
         LOGGER.info("first read in a later recording: %s", ", ".join(sorted(seen)))
     total = sum(float(np.ptp(f.problem.data.times)) for f in flights)
     detector = None if false_alarms is None else ChangeDetector(tracker, false_alarms)
     changes: list[Event] = []
     watch = tracker.watch
-    rows = _Rows(described.base, every if every is not None else total / MOST_ROWS, watch)
+    most = min(MOST_ROWS, int(ROOM / (24 * len(tracker.covariance) ** 2))) if smooth else MOST_ROWS
+    rows = _Rows(described.base, every if every is not None else total / most, watch)
     shift, ended = 0.0, None
     notes = list(tracker.start.notes)
+    flown: list[tuple[Flight, Recording, float | None]] = []
     if estimate is None and warm_up > 0.0:
         looked = flights[0].problem.timing
         timing, more = linearise_by_search(tracker, described, flights[0], warm_up)
@@ -131,8 +144,9 @@ def _track(
             start = float(times[0])
         # the tracker's clock is the recording's own; what passed in between is told as the start
         passed = 0.0 if ended is None else float(times[0]) + shift - ended
-        origin = tracker.time
-        tracker.begin_flight(flight, start=None if start is None else origin + passed)
+        started = None if start is None else tracker.time + passed
+        flown.append((flight, recording, None if start is None else passed))
+        tracker.begin_flight(flight, start=started)
         known = 0 if detector is None else len(detector.changes)
         _fly(tracker, flight, recording, rows, number, shift, _all_hear(detector, hear))
         if detector is not None:
@@ -141,6 +155,12 @@ def _track(
         ended = tracker.time + shift
         notes += [f"{flight.label}: {n}" for n in flight.notes]
     notes[:0] = [watch.sentence] if watch.sentence else []
+    smoothed = None
+    if smooth:
+        try:
+            smoothed = _smoothed(new, tracker, flown, rows)
+        except SimulationError as error:
+            notes.append(f"nothing is smoothed: {error}")
     history = TrackHistory(
         description.name,
         *rows.arrays(labels),
@@ -165,8 +185,46 @@ def _track(
             "widening": watch.widening,
             "log_likelihood": rows.log_likelihood,
         },
+        smoothed,
     )
     return history, tracker
+
+
+def _smoothed(
+    new: Callable[[], Tracker],
+    tracker: Tracker,
+    flown: Sequence[tuple[Flight, Recording, float | None]],
+    rows: _Rows,
+) -> SmoothedTrack:
+    """Return what is known at the rows from all that was read, by other trackers along the course of one.
+
+    Raises `SimulationError` where the motion was lost: nothing is known of what came before by what came
+    after.
+    """
+    if lost := [e for e in tracker.log.last if e.kind == "lost"]:
+        raise SimulationError(
+            f"The motion was lost at {lost[0].time:.6g} s.", advice="Track what came before and after alone."
+        )
+    times, legs = rows.stack("own_time"), rows.stack("leg")
+    course: Course | None = tracker.course
+    wanted, found = [times[legs == k] for k in range(len(tracker.course.legs))], []
+    for _ in range(SMOOTHINGS):
+        again, along = new(), Retraced(course, wanted)
+        again.course = along
+        for flight, recording, passed in flown:
+            again.begin_flight(flight, start=None if passed is None else again.time + passed)
+            _feed(again, flight, recording, along.hear)
+        found, course = along.smoothed()
+        if course is None:
+            break
+    else:
+        LOGGER.info("models were still moving after %d smoothings", SMOOTHINGS)
+    model, widening, out = rows.model, rows.watch.widening, []
+    for row in found:
+        nv, sigma = model.nv, np.sqrt(np.maximum(row.covariance.diagonal(), 0.0))
+        own = widening * row.scales * sigma[len(sigma) - len(row.values) :]
+        out.append((row.values, own, _place(model, row.q), sigma[:nv], row.v, sigma[nv : 2 * nv]))
+    return SmoothedTrack(*(np.array(x) for x in zip(*out, strict=True)))
 
 
 def _all_hear(
@@ -194,11 +252,6 @@ def _fly(
     hear: Callable[[Update], None] | None,
 ) -> None:
     """Run the tracker through one recording."""
-    model = flight.model
-    ordered = order_columns(recording, model)
-    read = {b.channel for b in flight.problem.data.blocks} | set(tracker.commands.sizes)
-    inputs = flight.problem.inputs(model)
-    waiting = []
 
     def listen(update: Update) -> None:
         rows.hear(update)
@@ -207,7 +260,18 @@ def _fly(
         if hear is not None:
             hear(update)
 
-    tracker.listener = listen
+    _feed(tracker, flight, recording, listen)
+    rows.add(tracker, number, shift, last=True)
+
+
+def _feed(tracker: Tracker, flight: Flight, recording: Recording, hear: Callable[[Update], None]) -> None:
+    """Give a tracker all samples of a recording."""
+    model = flight.model
+    ordered = order_columns(recording, model)
+    read = {b.channel for b in flight.problem.data.blocks} | set(tracker.commands.sizes)
+    inputs = flight.problem.inputs(model)
+    waiting = []
+    tracker.listener = hear
     for sample in samples_of(ordered, [c for c in ordered.channels if c in read]):
         waiting.append(sample)
         if len(waiting) == CHUNK:
@@ -215,7 +279,6 @@ def _fly(
             waiting = []
     tracker.update_all(waiting, inputs)
     tracker.listener = None
-    rows.add(tracker, number, shift, last=True)
 
 
 def dof_names(model: SpacecraftModel) -> list[str]:
@@ -228,6 +291,21 @@ def dof_names(model: SpacecraftModel) -> list[str]:
         name = model.pin.names[j]
         out += [name] if joint.nv == 1 else [f"{name}.{i}" for i in range(joint.nv)]
     return out
+
+
+def _place(model: SpacecraftModel, q: np.ndarray) -> np.ndarray:
+    """Return where each degree of freedom is (nv,), a free bus's attitude as rotation vector."""
+    place = np.zeros(model.nv)
+    for j in range(1, model.pin.njoints):
+        joint = model.pin.joints[j]
+        own = q[joint.idx_q : joint.idx_q + joint.nq]
+        if joint.nv == 6:
+            place[:6] = np.concatenate([own[:3], pin.log3(matrix(own[3:7]))])
+        elif joint.nq == joint.nv:
+            place[joint.idx_v : joint.idx_v + joint.nv] = own
+        else:
+            place[joint.idx_v] = np.arctan2(own[1], own[0])
+    return place
 
 
 @dataclass(eq=False)
@@ -254,24 +332,15 @@ class _Rows:
         if not new and (now <= times[-1] or (now < times[-1] + self.every and not last)):
             return
         f, model = tracker.filter, self.model
-        place = np.zeros(model.nv)
-        for j in range(1, model.pin.njoints):
-            joint = model.pin.joints[j]
-            own = f.q[joint.idx_q : joint.idx_q + joint.nq]
-            if joint.nv == 6:
-                place[:6] = np.concatenate([own[:3], pin.log3(matrix(own[3:7]))])
-            elif joint.nq == joint.nv:
-                place[joint.idx_v : joint.idx_v + joint.nv] = own
-            else:
-                place[joint.idx_v] = np.arctan2(own[1], own[0])
         sigma = np.sqrt(np.maximum(f.covariance.diagonal(), 0.0))
         row = {
             "time": now,
             "own_time": tracker.time,
             "recording": number,
+            "leg": len(tracker.course.legs) - 1,
             "values": f.values.copy(),
             "sigmas": f.sigmas() * self.watch.widening,
-            "position": place,
+            "position": _place(model, f.q),
             "position_sigma": sigma[: model.nv],
             "velocity": f.v.copy(),
             "velocity_sigma": sigma[model.nv : 2 * model.nv],

@@ -21,6 +21,7 @@ from smsid.kernel.filter_arrays import Record
 from smsid.likelihood.prior import Cad
 from smsid.recording import Recording
 from smsid.simulate import Inputs
+from smsid.tracking.course import Course
 from smsid.tracking.drive import CommandMemory
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN, StartingPoint, followed_parameters
@@ -34,8 +35,6 @@ from smsid.tracking.update import TrackedState, Update
 SETTLE = 1.0  # [s] that is waited for every channel before the motion begins
 WARM = 10.0  # [s] within which a motion that is lost is that of another spacecraft
 CHUNK = 25  # samples whose commands are looked up at once
-PASS = 0.1, 0.25  # [s] of samples that are filtered before models may be built anew: at first, and later
-SHARE = 0.05  # of the time since the motion began that a pass is in between
 CLOCK = 1e-6  # [s] by which times of samples may be rounded
 QUATERNION = 4
 
@@ -82,6 +81,7 @@ class Tracker:
             None  # corrects the filter, where it knows why motion is lost
         )
         self.watch = FitWatch()
+        self.course = Course()
         self._build(origin, start)
 
     def _build(self, origin: Point, start: StartingPoint) -> None:
@@ -104,7 +104,6 @@ class Tracker:
         self.buffer = SampleBuffer(TOGETHER * setting.substep, setting.lateness, self.log, setting.silence)
         self.commands = CommandMemory(model, setting.hold)
         self.moving = False
-        self.longest_pass = PASS[1]
         self._first = np.inf  # when the first motion began [s]
         self._looks = -np.inf  # when models may be built anew next [s]
         self.samples = 0
@@ -188,6 +187,7 @@ class Tracker:
         if not np.isfinite(self.filter.time):
             self.filter.time = self._first = time
         self.filter.begin(belief, time)
+        self.course.begun(self.filter)
         self._looks = time
         self.moving, self._before, self._settling = True, None, []
         self.log.add(time, "begun", "", "the motion begins")
@@ -330,8 +330,10 @@ class Tracker:
             read = values[here].copy()
             if reached[0] > done:  # where this pass begins was read by the one before
                 read[0] = np.nan
+            passed = times[here], drive.part(done, last), read, attitudes[here]
             try:
-                record = f.go_on(times[here], drive.part(done, last), read, attitudes[here])
+                self.course.enter(f, passed)
+                record = f.go_on(*passed)
             except SimulationError:
                 if self.rescue is not None and self.rescue():
                     at = reached + at
@@ -355,10 +357,8 @@ class Tracker:
                     self.listener(update)
             done = last
             if f.time >= self._looks - CLOCK:
-                self._looks = f.time + float(
-                    np.clip(SHARE * (f.time - self._first), PASS[0], self.longest_pass)
-                )
-                if f.relinearise() and f.at.drives:
+                self._looks, changed = self.course.look(f, self._first)
+                if changed and f.at.drives:
                     drive = f.drive(known, setting.substep, times, self._before)
         if len(times) > 1:
             self._before = drive.before[-1]

@@ -22,6 +22,7 @@ from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Noise, UnknownInput
 from smsid.kernel.filter_arrays import Drive
+from smsid.tracking.course import Course
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import Followed, StartingPoint
 from smsid.tracking.linearisation import Linearisation
@@ -122,6 +123,7 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
         )
     tracker = Tracker.__new__(Tracker)
     tracker.described, tracker.listener, tracker.rescue = description, None, None
+    tracker.course = Course()
     tracker.description = modal_panels(description)[0]
     tracker.setting = _setting(document["setting"])
     followed = tuple(Followed(Unknown(**x["unknown"]), x["rate"]) for x in document["followed"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from smsid.estimation.flight import Flight
 from smsid.estimation.identify_flights import _search
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Timing
+from smsid.tracking.followed_parameters import Followed
 from smsid.tracking.tracker import Tracker
 
 LOGGER = logging.getLogger(__name__)
@@ -26,7 +28,7 @@ def linearise_by_search(
     covariances stay what they are.
     """
     f = tracker.filter
-    begun = _beginning(flight, seconds)
+    begun = _beginning(flight, seconds, f.followed)
     unknowns = []
     for x, mean, sigma in zip(f.followed, f.values, f.sigmas(), strict=True):
         name = f"{flight.label}: {x.name}" if x.unknown.kind == "bias" else x.name
@@ -45,10 +47,15 @@ def linearise_by_search(
     return taken[0].problem.timing, []
 
 
-def _beginning(flight: Flight, seconds: float) -> Flight:
-    """Return the first seconds of a flight."""
+def _beginning(flight: Flight, seconds: float, followed: Sequence[Followed]) -> Flight:
+    """Return the first seconds of a flight; to a search for one value, a bias that wanders is noise."""
     data = flight.problem.data
     n = int(np.searchsorted(data.times, data.times[0] + seconds, side="right"))
     attitude = {name: q[:n] for name, q in data.attitude.items()}
-    cut = replace(data, times=data.times[:n], values=data.values[:n], attitude=attitude)
+    sigma, duration = data.sigma.copy(), float(np.ptp(data.times[:n]))
+    for block in data.blocks:
+        own = [x.rate for x in followed if x.name.startswith(f"{block.channel}.bias.")]
+        about_its_mean = max(own, default=0.0) * np.sqrt(duration / 6.0)  # rms of a walk
+        sigma[block.rows] = np.hypot(sigma[block.rows], about_its_mean)
+    cut = replace(data, times=data.times[:n], values=data.values[:n], attitude=attitude, sigma=sigma)
     return replace(flight, problem=replace(flight.problem, data=cut))

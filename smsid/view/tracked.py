@@ -15,6 +15,7 @@ from smsid.tracking.track_recordings import dof_names
 def tracked_states(model: SpacecraftModel, history: TrackHistory) -> States:
     """Return the motion of a track, slosh and bending with it, as states of a model; no forces are known.
 
+    Smoothed by all that was read, where the track is.
     Raises `RecordingError` for a track of a spacecraft with other degrees of freedom.
     """
     if (names := tuple(dof_names(model))) != history.dofs:
@@ -25,7 +26,8 @@ def tracked_states(model: SpacecraftModel, history: TrackHistory) -> States:
             dofs=other,
         )
     kept = np.flatnonzero(np.diff(history.time, prepend=-np.inf) > 0.0)
-    place, v = history.position[kept], history.velocity[kept]
+    known = history.smoothed or history
+    place, v = known.position[kept], known.velocity[kept]
     q = np.zeros((len(kept), model.nq))
     for joint in list(model.pin.joints)[1:]:
         own = place[:, joint.idx_v : joint.idx_v + joint.nv]
