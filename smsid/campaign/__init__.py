@@ -1,7 +1,6 @@
 """Monte Carlo campaigns: many runs of a method, with noise and parameters drawn anew, and what they show."""
 
 from smsid.campaign.case import Case, prepare
-from smsid.campaign.methods import known_methods, register
 from smsid.campaign.outcome import Findings, Outcome, RunError, RunRecord
 from smsid.campaign.plan import Campaign, load_campaign
 from smsid.campaign.run import campaign_main, run_campaign, run_once
@@ -18,11 +17,9 @@ __all__ = [
     "RunError",
     "RunRecord",
     "campaign_main",
-    "known_methods",
     "load_campaign",
     "prepare",
     "read_store",
-    "register",
     "run_campaign",
     "run_once",
     "save_summary",

@@ -13,6 +13,7 @@ from smsid.diagnose.result import FoundCause, Value
 from smsid.estimation.parameter_vector import Point
 from smsid.export.bodies import urdf_bodies
 from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate_text import asked_for
 from smsid.identify.parameter_estimate import parse_combination
 from smsid.model import build_model
 from smsid.model.regressor import INERTIAL_NAMES, body_names
@@ -23,7 +24,7 @@ from smsid.report.diagnosis_tables import plain_words, quantity, strength
 from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, unit
 from smsid.report.open_loop import OpenLoop, most_different, story_section
-from smsid.report.parameters import interval_cell, reported_parameters
+from smsid.report.parameters import interval_cell
 
 DESCRIBED, IDENTIFIED, EXTENDED = "as described", "identified", "with the cause"
 
@@ -138,7 +139,7 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
         out.append(
             f"What the simulation gets wrong: driven by the same torques, the described craft strays. {told}."
         )
-    good = sum(p.status == "identifiable" for p in reported_parameters(craft.estimate))
+    good = sum(p.status == "identifiable" for p in asked_for(craft.estimate))
     text = (
         f"Identified: the description is a guess that is off by several per cent. {good} parameters are "
         "found to better than 10 %"
@@ -195,7 +196,7 @@ def cause_section(craft: Craft) -> Section:
 
 def values_section(craft: Craft) -> Section:
     """Return the identified parameters beside the wrong guess and the truth."""
-    own = [p for p in reported_parameters(craft.estimate) if p.status == "identifiable"]
+    own = [p for p in asked_for(craft.estimate) if p.status == "identifiable"]
     bodies = described_bodies(craft.description)
     effects = {name: value for name, value in craft.parameters.items() if name not in bodies}
     world = TrueWorld(craft.parameters, bodies, effects)

@@ -14,6 +14,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.fit_quality import ChannelFit
 from smsid.estimation.identify import Identified
 from smsid.identify.estimate import Estimate, Iteration
+from smsid.identify.estimate_text import asked_for
 from smsid.identify.paper.pipeline import Identification
 from smsid.likelihood.refine import Refinement
 from smsid.model import build_model
@@ -32,7 +33,7 @@ from smsid.report.model import (
     notes_section,
 )
 from smsid.report.numbers import number, raised
-from smsid.report.parameters import correlations, parameter_section, reported_parameters
+from smsid.report.parameters import correlations, parameter_section
 from smsid.report.plot import Curve, Plot, Rule
 from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
 from smsid.report.spectra import spectrum_grid
@@ -60,7 +61,7 @@ def identify_report(
     """
     estimate = refined.estimate if refined is not None else linear.estimate
     left: Sequence[Residuals] = ()
-    own = reported_parameters(estimate)
+    own = asked_for(estimate)
     sections = [parameter_section(own, "Mass, slosh, appendages and single inertial parameters")]
     try:
         left = residuals_of(description, recordings, linear, refined)
@@ -101,7 +102,7 @@ def residual_sections(left: Sequence[Residuals]) -> list[Section]:
 
 def verdict(estimate: Estimate, left: Sequence[Residuals]) -> tuple[str, Tone]:
     """Return one sentence on an identification, and what it is worth."""
-    own = reported_parameters(estimate)
+    own = asked_for(estimate)
     weak = [p.name for p in own if p.status != "identifiable"]
     good = len(own) - len(weak)
     sentence = f"{good} of {len(own)} parameters are identified to better than 10 % (one standard deviation)"
@@ -150,7 +151,7 @@ def _modes(
 def _aliases(refined: Refinement | None) -> list[Section]:
     if refined is None:
         return []
-    own = reported_parameters(refined.estimate)
+    own = asked_for(refined.estimate)
     figure = correlations("correlation", refined.estimate.parameters[: len(own)],
                           refined.covariance[: len(own), : len(own)])  # fmt: skip
     lines = tuple(raised(d.text) for d in refined.unseen)
@@ -220,7 +221,7 @@ def flights_report(description: Description, found: Identified, origin: Provenan
         origin: versions, command, files.
     """
     estimate, quality = found.estimate, found.quality
-    own = reported_parameters(estimate)
+    own = asked_for(estimate)
     sections: list[Section] = []
     if quality is not None:
         text = [quality.sentence, *(c.sentence for c in found.contradictions)]
