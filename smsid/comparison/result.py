@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import TypeAdapter
 
 from smsid._files import atomic_write, json_ready
-from smsid._reading import read_json
+from smsid._reading import SCHEMA_VERSION, reading_document
 from smsid._short_repr import Told
 from smsid._statistics import NORMAL95
 from smsid._version import __version__
-from smsid.errors import SmsidError, require
+from smsid.errors import require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -187,7 +187,6 @@ class Comparison(Told):
         return comparison_json(self)
 
 
-SCHEMA_VERSION = 1
 NUMBERS = {"before", "after", "sigma", "p_value", "value"}
 COMPARISON = TypeAdapter(Comparison)
 
@@ -225,15 +224,7 @@ def save_comparison(found: Comparison, path: str | os.PathLike[str]) -> None:
 
 def load_comparison(path: str | os.PathLike[str]) -> Comparison:
     """Load a comparison; raises `SmsidError` naming what is wrong with the file."""
-    file = Path(path)
-    if not file.is_file():
-        raise SmsidError(f"The file '{file}' does not exist.", advice="Run `smsid compare` to make it.")
-    try:
-        document = read_json(file)
-        if document.get("kind") != "comparison" or document.get("schema") != SCHEMA_VERSION:
-            raise SmsidError(
-                f"'{file}' is no comparison of schema {SCHEMA_VERSION}.", advice="Check the path."
-            )
+    with reading_document(path, "comparison", "compare") as document:
         overall = document["chi_squared"]
         findings = document["findings"]
         quantities = [q for f in findings for q in f["quantities"]]
@@ -242,7 +233,3 @@ def load_comparison(path: str | os.PathLike[str]) -> Comparison:
             table |= {k: math.nan for k in NUMBERS & table.keys() if table[k] is None}
         known = {"statistic": overall["value"], "freedom": overall["freedom"], "p_value": overall["p_value"]}
         return COMPARISON.validate_python({**document, **known, "left": document["left_p_value"]})
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SmsidError(
-            f"'{file}' cannot be read as a comparison: {error}.", advice="Is it cut short?"
-        ) from error
