@@ -153,7 +153,9 @@ def identify_arm(
     count = len(base)
     solved = replace(whole, x=whole.x[:count], covariance=whole.covariance[:count, :count])
     parameters = _parameters(model, base, solved, torques.names, torques.units)
-    found, notes = identified_effects(description, base, solved, torques.names)
+    # a parameter that only enters in combination keeps its value; the rest of that belongs to the links
+    alone = zip(base.independent.tolist(), solved.x, strict=True)
+    found, notes = with_values_in_bounds(description, {torques.names[i]: float(x) for i, x in alone})
     if tilt and level:
         sigmas = whole.sigma[count:]
         own = [
@@ -301,18 +303,6 @@ def padded_covariance(covariance: np.ndarray, size: int) -> np.ndarray:
     out = np.full((size, size), np.nan)
     out[: len(covariance), : len(covariance)] = covariance
     return out
-
-
-def identified_effects(
-    description: Description, base: BaseParameters, solved: JointRegression, names: tuple[str, ...]
-) -> tuple[Description, list[str]]:
-    """Return the description with its effects at the identified values, and notes on those at a bound.
-
-    A parameter that only enters in combination keeps its value, and the rest of the combination belongs to
-    the links.
-    """
-    found = {names[i]: float(x) for i, x in zip(base.independent.tolist(), solved.x, strict=True)}
-    return with_values_in_bounds(description, found)
 
 
 def with_values_in_bounds(

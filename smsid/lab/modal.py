@@ -221,7 +221,11 @@ def _identified(
         left, right = left[:, :kept], right[:kept]
         small = np.einsum("ai,kab,jb->kij", left, covariances, right, optimize=True)
         few = chosen[:: -(-len(chosen) // RESAMPLED_ORDERS)]
-        again.append([_resampled(small, w, left, right, outputs, slow_rate, few) for w in draws])
+        again.append([])
+        for weights in draws:
+            inner, values, outer = np.linalg.svd(np.einsum("k,kij->ij", weights / weights.sum(), small))
+            own = observability_poles(left @ inner, values, outer @ right, outputs, slow_rate, few)
+            again[-1].append(own)
     used = finest_windows(found, stability.frequency)
     groups = [
         g
@@ -327,19 +331,6 @@ def _block_covariances(pieces: list[np.ndarray], rows: int, blocks: int) -> np.n
             found[block] += block_hankel(y, a + rows, rows, b - a) @ block_hankel(y, a, rows, b - a).T / share
             at, a = at + b - a, b
     return found
-
-
-def _resampled(
-    small: np.ndarray,
-    weights: np.ndarray,
-    left: np.ndarray,
-    right: np.ndarray,
-    outputs: int,
-    rate: float,
-    orders: Sequence[int],
-) -> tuple[Poles, ...]:
-    inner, singular, outer = np.linalg.svd(np.einsum("k,kij->ij", weights / weights.sum(), small))
-    return observability_poles(left @ inner, singular, outer @ right, outputs, rate, orders)
 
 
 def _mode(

@@ -368,11 +368,7 @@ def _check_body(
 
 def _parameters(link: LinkReading, placement: pin.SE3) -> np.ndarray:
     """Inertial parameters (10,) about the origin of the joint that carries the link."""
-    centre = placement.act(link.centre)
-    about = placement.rotation @ link.inertia @ placement.rotation.T
-    about = about + link.mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
-    xx, xy, xz, _, yy, yz, _, _, zz = about.ravel()
-    return np.array([link.mass, *(link.mass * centre), xx, xy, yy, xz, yz, zz])
+    return placement.act(pin.Inertia(link.mass, link.centre, link.inertia)).toDynamicParameters()
 
 
 def _differs(place: str, source: str, element: str, said: object, has: object) -> None:
