@@ -4,8 +4,9 @@
 
 The satellite of `inertia_ladder` with wheels and an unknown constant torque, rungs 7 to 10 of that ladder, by
 `smsid.track` and `Stream`. *ramping*: Izz grows from 4.53 to 6.5 kg m^2 in the 60 s (7: mean error from 4 to
-56 s; 8: after 12 s). Which element changes is not known: all wander alike, by `RATE` or a sixth of it, or one
-alone by `RATE`, whichever makes the innovations likeliest. *constant*: begins at 85 % of
+56 s; 8: after 12 s). Which element changes is not known, nor that it does steadily: all wander alike by
+`RATE`, or all or one of them have a trend of about `STEADY`, whichever makes the innovations likeliest;
+*smoothed* is what the whole record says of each time. *constant*: begins at 85 % of
 the truth (9: error at the end). *online*: every `SEGMENT` seconds the momentum that wheels go to is chosen
 among `TARGETS` by the tracker's own covariance a segment ahead, in an envelope of 0.85 of 0.3 N m s (10).
 Errors are norms over the norm of the six elements. Rows that are there are not run again.
@@ -51,6 +52,7 @@ PROFILES = (
 )
 GROWTH = np.diag([0.0, 0.0, (6.5 - INERTIA[2, 2]) / SECONDS])  # [kg m^2/s]
 RATE = 2.0 / np.sqrt(SECONDS)  # [kg m^2/sqrt(s)]: 2 kg m^2 in a minute
+STEADY = 0.05  # [kg m^2/s], of any sign: the prior of a trend
 NAMES = [f"bus.I{'xyz'[i]}{'xyz'[k]}" for i, k in ELEMENTS]
 PUSH = [f"push.torque.{a}" for a in "xyz"]
 FULL, ENVELOPE, TORQUE = (
@@ -69,8 +71,9 @@ def tracked(rung: str, torque: np.ndarray, seed: int, folder: Path) -> dict:
     motion = move(torque, wheels=True, external=DISTURBANCE, growth=growth)
     walks, warm_up = {"none": {}}, SECONDS
     if rung == "ramping":
-        walks = {f"all by {r:.2g}": dict.fromkeys(NAMES, r) for r in (RATE, RATE / 6.0)}
-        walks |= {f"{n} alone": {n: RATE} for n in NAMES}
+        walks = {f"all by {RATE:.2g}": dict.fromkeys(NAMES, RATE)}
+        walks |= {"all steadily": dict.fromkeys(NAMES, (0.0, STEADY))}
+        walks |= {f"{n} steadily": {n: (0.0, STEADY)} for n in NAMES}
         warm_up = 8.0  # the length of the published windows
     best = None
     description = described(folder, "disturbed")
@@ -78,7 +81,14 @@ def tracked(rung: str, torque: np.ndarray, seed: int, folder: Path) -> dict:
     for label, walk in walks.items():
         follow = dict.fromkeys([*NAMES, *PUSH], 0.0) | walk
         try:
-            found, _ = track_recordings(description, [recording], follow=follow, every=0.1, warm_up=warm_up)
+            found, _ = track_recordings(
+                description,
+                [recording],
+                follow=follow,
+                every=0.1,
+                warm_up=warm_up,
+                smooth=rung == "ramping",
+            )
         except SimulationError:  # lost: no model of this motion
             continue
         likely = found.conditions["log_likelihood"]
@@ -97,6 +107,10 @@ def tracked(rung: str, torque: np.ndarray, seed: int, folder: Path) -> dict:
         late = history.time >= 12.0
         row |= {"windows": float(error[inner].mean()), "after_12_s": float(error[late].mean())}
         row["inside"] = float(np.mean(np.abs(z[late]) < 1.96))
+        smoothed = history.smoothed
+        off = smoothed.values[:, place] - truth
+        row["smoothed"] = float(np.mean(np.linalg.norm(off, axis=1) / np.linalg.norm(truth, axis=1)))
+        row["smoothed_inside"] = float(np.mean(np.abs(off / smoothed.sigmas[:, place]) < 1.96))
     else:
         row |= {"off": [round(float(x), 2) for x in z[-1]], "bound": bound(torque)}
         row["sigma"] = float(np.linalg.norm(history.sigmas[-1, place])) / np.linalg.norm(elements(INERTIA))
@@ -202,10 +216,10 @@ def summary(rows: list[dict]) -> list[dict]:
     for rung, profile in dict.fromkeys((r["rung"], r["profile"]) for r in rows):
         own = [r for r in rows if (r["rung"], r["profile"]) == (rung, profile)]
         line = {"rung": rung, "profile": profile, "draws": len(own)}
-        for key in ("windows", "after_12_s", "at_end", "bound", "sigma"):
+        for key in ("windows", "after_12_s", "at_end", "smoothed", "bound", "sigma"):
             if key in own[0]:
                 line[f"{key}_percent"] = 100.0 * float(np.mean([r[key] for r in own]))
-        for key in ("inside", "saturated"):
+        for key in ("inside", "smoothed_inside", "saturated"):
             if key in own[0]:
                 line[key] = float(np.mean([r[key] for r in own]))
         if "off" in own[0]:

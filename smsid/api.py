@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from smsid.diagnose.diagnose import Diagnosed
     from smsid.experiments import Experiment
     from smsid.export.folder import Export
+    from smsid.tracking.followed_parameters import Rate
     from smsid.tracking.history import TrackHistory
 
 PathLike = str | os.PathLike[str]
@@ -147,9 +148,10 @@ def track(
     recordings: Recording | Sequence[Recording],
     *,
     estimate: Estimate | None = None,
-    follow: Mapping[str, float | None] | None = None,
+    follow: Mapping[str, Rate] | None = None,
     hold: Sequence[str] = (),
     changes: bool = False,
+    smooth: bool = False,
 ) -> TrackHistory:
     """Follow parameters through recordings, each as a random walk; ``.estimate()`` is what is known last.
 
@@ -158,9 +160,11 @@ def track(
         recordings: in the order they were made.
         estimate: what is known beforehand.
         follow: how far each of these wanders, in its unit per square root of a second, by name or pattern
-            (``tank.*``); ``None`` is 1 % of its size in an hour. All unknown parameters if left out.
+            (``tank.*``); ``None`` is 1 % of its size in an hour. A pair of that and a trend [unit/s]: it also
+            changes steadily, about so fast. All unknown parameters if left out.
         hold: parameters that are not followed.
         changes: also seek what jumps, with at most one false alarm in ten hours: among ``.events``.
+        smooth: also say what is known of each time from all that was read, before and after: ``.smoothed``.
 
     Raises:
         RecordingError: no recording, or one that cannot be used.
@@ -173,7 +177,13 @@ def track(
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
     alarms = FALSE_ALARMS if changes else None
     return track_recordings(
-        spacecraft, given, estimate=estimate, follow=follow, hold=hold, false_alarms=alarms
+        spacecraft,
+        given,
+        estimate=estimate,
+        follow=follow,
+        hold=hold,
+        false_alarms=alarms,
+        smooth=smooth,
     )[0]
 
 

@@ -31,7 +31,7 @@ def stream_command(
     ] = None,
     follow: Annotated[
         list[str] | None,
-        typer.Option(metavar="PARAM=RATE", help="parameter (or pattern) to follow, as in `smsid track`"),
+        typer.Option(metavar="PARAM=RATE[,TREND]", help="parameter (or pattern) to follow: as `smsid track`"),
     ] = None,
     hold: NotFollowed = None,
     estimate: StartingEstimate = None,

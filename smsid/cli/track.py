@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
+    from smsid.tracking.followed_parameters import Rate
     from smsid.tracking.history import TrackHistory
 
 LONGEST = 44  # characters of a name in the table, unless all is asked for
@@ -65,10 +66,11 @@ def track_command(
     follow: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="PARAM=RATE",
+            metavar="PARAM=RATE[,TREND]",
             help="parameter (or pattern, 'tank.*') to follow and how far it wanders, in its unit per square "
-            "root of a second; without =RATE 1 % of its size in an hour. May be given repeatedly; all "
-            "unknown parameters if left out",
+            "root of a second; without =RATE 1 % of its size in an hour. With TREND, its unit per second, it "
+            "also changes steadily, about as fast as that. May be given repeatedly; all unknown parameters "
+            "if left out",
         ),
     ] = None,
     hold: NotFollowed = None,
@@ -111,7 +113,8 @@ def track_command(
     described = load_description(description)
     loaded, known = read_recordings(recordings, unchecked), read_estimate(estimate)
     if method == "momentum":
-        refused = {"--follow": follow, "--hold": hold, "--save": save, "--changes": changes, "--smooth": smooth}
+        refused = {"--follow": follow, "--hold": hold, "--save": save, "--changes": changes}
+        refused |= {"--smooth": smooth}
         if given := [name for name, value in refused.items() if value]:
             raise SmsidError(
                 f"{given[0]} is for --method filter.",
@@ -146,20 +149,23 @@ def track_command(
     return Outcome({"track": document(history)}, written)
 
 
-def rates_of(follow: Sequence[str]) -> dict[str, float | None]:
-    """Return rates by parameter from ``PARAM=RATE``; ``None`` where no rate is given.
+def rates_of(follow: Sequence[str]) -> dict[str, Rate]:
+    """Return rates by parameter from ``PARAM=RATE[,TREND]``; ``None`` where no rate is given.
 
     Raises `SmsidError` for a rate that is no number.
     """
-    found: dict[str, float | None] = {}
+    found: dict[str, Rate] = {}
     for text in follow:
         name, equals, rate = text.partition("=")
         try:
-            found[name.strip()] = float(rate) if equals else None
+            walk, comma, trend = rate.partition(",")
+            own = float(walk) if equals and walk.strip() else None
+            found[name.strip()] = (own, float(trend)) if comma else own
         except ValueError as error:
             raise SmsidError(
                 f"--follow '{text}': '{rate}' is no number.",
-                advice="Write PARAM=RATE, the rate in the parameter's unit per square root of a second.",
+                advice="Write PARAM=RATE or PARAM=RATE,TREND: the rate in the parameter's unit per square "
+                "root of a second, the trend per second.",
             ) from error
     return found
 

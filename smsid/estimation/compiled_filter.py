@@ -61,6 +61,8 @@ NOTHING = Parameters(
     np.zeros(0),
     np.zeros((0, 0)),
     np.zeros(0, dtype=np.int64),
+    np.zeros((0, 2), dtype=np.int64),
+    np.zeros(0),
     CLOSE,
     ROUND,
 )
@@ -139,13 +141,14 @@ def with_parameters(
     scales: np.ndarray,
     at: np.ndarray,
     rates: np.ndarray,
+    trends: tuple[np.ndarray, np.ndarray],
     columns: np.ndarray,
     pushed: Sequence[int],
 ) -> Model | None:
     """Return a spacecraft with parameters, or ``None`` where one of it goes the plain way.
 
-    ``scales``, values ``at`` and ``rates`` (m,) are the parameters', ``columns`` (rows, m) how readings
-    change with them at any motion; applied forces change with those ``pushed``.
+    ``scales``, values ``at``, ``rates`` (m,) and ``trends`` are the parameters', ``columns`` (rows, m) how
+    readings change with them at any motion; applied forces change with those ``pushed``.
     """
     own, senses = base.plant.kernel(balanced=False), senses_of(base.outputs)
     if own is None or senses is None:
@@ -168,6 +171,7 @@ def with_parameters(
         np.array([w for _, w in read_terms]),
         columns,
         np.array(pushed, dtype=np.int64),
+        *trends,
         CLOSE,
         ROUND,
     )

@@ -169,12 +169,14 @@ def predict_delayed(
 class Parameters(Protocol):
     """Parameters (m,) that are states of the filter, in units of ``scales``; its model is at ``values``.
 
-    ``rates`` (m,) are variances by which they wander in a second, over the scales squared.
+    ``rates`` (m,) are variances by which they wander in a second, over the scales squared; ``trends`` are as
+    in `smsid.kernel.filter_arrays.Parameters`.
     """
 
     values: np.ndarray
     scales: np.ndarray
     rates: np.ndarray
+    trends: tuple[np.ndarray, np.ndarray]
 
     def accelerations(self, moment: Moment, push: np.ndarray) -> np.ndarray:
         """Return how accelerations change with the parameters (nv, m), per scale; applied forces change by
@@ -329,6 +331,9 @@ def run_plain(
         state.q[:], state.v[:] = pin.integrate(plant.pin, q, further[:nv]), v + further[nv:]
         if not np.abs(state.v).max(initial=0.0) < WILD:
             return k
+        if parameters is not None:
+            own, by = parameters.trends[0].T
+            state.values[own] += h_k * state.values[by]
         if corrects:
             b = forcing @ lin.by_tau
             p[:] = change @ p @ change.T
@@ -337,8 +342,19 @@ def run_plain(
             if parameters is not None:
                 own = range(first, len(p))
                 p[own, own] += parameters.rates * h_k
+                carry_trends(p, change, first, *parameters.trends, h_k)
             p[:] = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
     return kernel.DONE
+
+
+def carry_trends(
+    p: np.ndarray, change: np.ndarray, first: int, trends: np.ndarray, steep: np.ndarray, h: float
+) -> None:
+    """Do what `smsid.kernel.covariance.carry_trends` does."""
+    move = np.eye(len(p))
+    move[first + trends[:, 0], first + trends[:, 1]] = h * steep
+    change[first + trends[:, 0], first + trends[:, 1]] = h * steep
+    p[:] = move @ p @ move.T
 
 
 def correction(

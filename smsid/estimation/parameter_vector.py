@@ -17,7 +17,7 @@ from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing import Sensor
 
-Kind = Literal["inertial", "effect", "bias"]
+Kind = Literal["inertial", "effect", "bias", "trend"]
 DEGENERATE = 1e-10  # eigenvalue of a correlation below which it is rounding
 
 
@@ -50,8 +50,9 @@ class Polar:
 class Unknown:
     """A parameter of the search.
 
-    ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>`` or ``<channel>.bias.<axis>``; ``column``
-    is where an inertial one stands among those of the model, or the axis of a bias. ``sigma`` is the prior's
+    ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>``, ``<channel>.bias.<axis>``, or that of
+    another with ``.trend``: by how much it changes in a second, where a filter follows that. ``column`` is
+    where an inertial one stands among those of the model, or the axis of a bias. ``sigma`` is the prior's
     standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a typical size of a change. ``polar``
     makes it a component of an amplitude: along a reference, or across it (`Polar`).
     """

@@ -158,6 +158,20 @@ def transition(h, v, by_q, by_v, free, out, forcing):
 
 
 @compiled
+def carry_trends(p, change, first, trends, steep, h):
+    """Let parameters, from ``first`` on, change by their trends (k, 2) for h [s]: in the covariance (x, x)
+    and the transition (x, x).
+    """
+    for k in range(len(trends)):
+        own, by, factor = first + trends[k, 0], first + trends[k, 1], steep[k] * h
+        change[own, by] = factor
+        for c in range(len(p)):
+            p[own, c] += factor * p[by, c]
+        for c in range(len(p)):
+            p[c, own] += factor * p[c, by]
+
+
+@compiled
 def spread(p, change, forcing, inverse, noise, walk, rates, h):
     """Take the covariance (x, x) on through a transition (x, x) of h [s].
 

@@ -11,7 +11,15 @@ import numpy as np
 
 from smsid.kernel import columns
 from smsid.kernel.columns import FORCES, FREE, TIME
-from smsid.kernel.covariance import correct, inverse_of_root, multiply, spread, transition, transposed_into
+from smsid.kernel.covariance import (
+    carry_trends,
+    correct,
+    inverse_of_root,
+    multiply,
+    spread,
+    transition,
+    transposed_into,
+)
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
 from smsid.kernel.forces import take_force_derivatives
 from smsid.kernel.jit import compiled, compiled_and_cached
@@ -187,9 +195,8 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
     not finite, or a rate beyond ``wild``.
     """
     tree, tables, roots = craft
-    scales, point, rates, terms, weights, read_terms, read_weights, columns, pushed, close, regular = (
-        parameters
-    )
+    scales, point, rates, terms, weights, read_terms, read_weights, columns, pushed = parameters[:9]
+    trends, steep, close, regular = parameters[9:]
     at, middle, means, rise, before, after, push_at, push_middle, acts, walk, noise = drive
     edges, values, attitudes, present, variance, corrections = samples
     bodies, root, p = tables[0], roots[0], state.covariance
@@ -345,6 +352,9 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
             lost = lost or not abs(state.v[c]) < wild
         if lost:
             return k
+        for i in range(len(trends)):
+            state.values[trends[i, 0]] += h_k * state.values[trends[i, 1]]
         if corrects:
             spread(p, change, forcing, inverse, noise, walk, rates, h_k)
+            carry_trends(p, change, first, trends, steep, h_k)
     return DONE

@@ -25,7 +25,8 @@ class Parameters(NamedTuple):
     ``terms`` (k, 2) are (table, parameter): inverse dynamics of that table, times a weight, is how the forces
     that a motion takes change with the parameter; ``read_terms`` are the same of readings. Constant changes
     of readings are ``columns`` (rows, m). Applied forces change with the parameters ``pushed`` (d,).
-    Variances grow by ``rates`` (m,) a second. ``close``, ``regular``: see `smsid.kernel.filter.reference`.
+    Variances grow by ``rates`` (m,) a second; ``trends`` (k, 2) are (parameter, parameter by which it changes
+    in a second), per scales ``steep`` (k,). ``close``, ``regular``: see `smsid.kernel.filter.reference`.
     """
 
     scales: np.ndarray
@@ -37,6 +38,8 @@ class Parameters(NamedTuple):
     read_weights: np.ndarray
     columns: np.ndarray
     pushed: np.ndarray
+    trends: np.ndarray
+    steep: np.ndarray
     close: float
     regular: float
 

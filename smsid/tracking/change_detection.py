@@ -327,9 +327,11 @@ class ChangeDetector:
 
 
 def groups_of(unknowns: Sequence[Unknown]) -> Mapping[str, np.ndarray]:
-    """Return where the parameters of each body, effect and channel's bias stand, (k,) indices by name."""
+    """Return where the parameters of each body, effect and channel's bias stand, (k,) by name; no trends."""
     places: dict[str, list[int]] = {}
     for i, u in enumerate(unknowns):
+        if u.kind == "trend":
+            continue
         name = u.name.rsplit(".", 1)[0] if u.kind == "bias" else u.name.partition(".")[0]
         places.setdefault(name, []).append(i)
     return {name: np.array(index) for name, index in places.items()}

@@ -21,6 +21,8 @@ UNCERTAIN = 0.2
 DRIFT = 0.01
 """Standard deviation, relative to its size, by which a parameter wanders in an hour by default."""
 HOUR = 3600.0  # [s]
+Rate = float | tuple[float | None, float] | None
+"""How a parameter wanders [unit/sqrt(s)], ``None``: as usual; or that, and how large its trend [unit/s]."""
 WIDER = 1e3  # times an estimate's standard deviation: the prior it is put on, so that it stands alone
 
 
@@ -29,11 +31,12 @@ class Followed:
     """A parameter in the state of a filter: a random walk.
 
     ``unknown.nominal`` and ``unknown.sigma`` are its mean and standard deviation at the start, ``rate`` by
-    how much it wanders [unit / sqrt(s)].
+    how much it wanders [unit / sqrt(s)]. Of a trend, ``of`` is where the parameter stands that it changes.
     """
 
     unknown: Unknown
     rate: float
+    of: int = -1
 
     @property
     def name(self) -> str:
@@ -54,7 +57,7 @@ class StartingPoint:
 def followed_parameters(
     description: Description,
     *,
-    follow: Mapping[str, float | None] | None = None,
+    follow: Mapping[str, Rate] | None = None,
     hold: Sequence[str] = (),
     estimate: Estimate | None = None,
     cad: Cad | None = UNCERTAIN,
@@ -66,8 +69,9 @@ def followed_parameters(
         description: as it is followed; its values are the means, its priors the standard deviations. Where it
             states none, a parameter may be off by `UNCERTAIN` of its size.
         follow: rates of random walks [unit / sqrt(s)] by name or pattern (``tank.*``); ``None`` is the usual
-            one, `DRIFT` of the size in an hour. Only these are followed; all unknown parameters when not
-            given.
+            one, `DRIFT` of the size in an hour. A pair also says how steadily it may change [unit / s]: its
+            trend, as far from zero as that, is followed as a parameter more. Only these are followed; all
+            unknown parameters when not given.
         hold: names or patterns that are not followed.
         estimate: what is known beforehand, with its covariance; of single parameters and of combinations.
         cad: what is known of rigid bodies, as in `smsid.likelihood.refine`.
@@ -91,15 +95,20 @@ def followed_parameters(
         for s in sensors
         for q in s.quantities
     }
-    found = []
+    found, steady = [], []
     for u in every:
         if u.name in rates:
-            own, rate = _with_prior(u), rates[u.name]
+            own, (rate, trend) = _with_prior(u), rates[u.name]
             if rate is None:
                 rate = DRIFT * _size(own) / np.sqrt(HOUR)
                 if u.kind == "bias":
                     rate = max(rate, walks.get(u.name.rsplit(".bias.", 1)[0], 0.0))
             found.append(Followed(own, rate))
+            if trend:
+                name, unit = f"{u.name}.trend", f"{u.unit or 1}/s".replace("/s/s", "/s^2")
+                steady.append((u.name, Unknown(name, "trend", unit, 0.0, trend, trend)))
+    place = {f.name: i for i, f in enumerate(found)}
+    found += [Followed(u, 0.0, place[name]) for name, u in steady]
     if not found:
         raise DescriptionError(
             "No parameter is left to follow.", advice="Follow one, or free one that is marked as known."
@@ -111,19 +120,28 @@ def followed_parameters(
     return _with_estimate(found, mean, covariance, estimate)
 
 
+def trends_of(followed: Sequence[Followed]) -> tuple[np.ndarray, np.ndarray]:
+    """Return what changes by which trend (k, 2), and by how much in a second, per scales (k,)."""
+    pairs = np.array([(f.of, i) for i, f in enumerate(followed) if f.of >= 0], dtype=np.int64).reshape(-1, 2)
+    scales = np.array([f.unknown.scale for f in followed])
+    return pairs, scales[pairs[:, 1]] / scales[pairs[:, 0]]
+
+
 def _rates(
-    every: Sequence[Unknown], follow: Mapping[str, float | None] | None, hold: Sequence[str]
-) -> dict[str, float | None]:
-    """Return the rates by name of what is followed, ``None`` for the usual one."""
+    every: Sequence[Unknown], follow: Mapping[str, Rate] | None, hold: Sequence[str]
+) -> dict[str, tuple[float | None, float]]:
+    """Return the rates by name of what is followed, ``None`` for the usual one, and trends, zero for none."""
     names = [u.name for u in every]
-    out: dict[str, float | None] = {} if follow else dict.fromkeys(names)
-    for pattern, rate in (follow or {}).items():
-        if rate is not None and not (np.isfinite(rate) and rate >= 0.0):
+    out: dict[str, tuple[float | None, float]] = {} if follow else dict.fromkeys(names, (None, 0.0))
+    for pattern, given in (follow or {}).items():
+        rate, trend = given if isinstance(given, tuple) else (given, 0.0)
+        if any(x is not None and not (np.isfinite(x) and x >= 0.0) for x in (rate, trend)):
             raise DescriptionError(
-                f"The rate of '{pattern}' is {rate}.", advice="Give zero or more, in its unit per sqrt(s)."
+                f"The rate of '{pattern}' is {given}.",
+                advice="Give zero or more, in its unit per sqrt(s); a trend per second.",
             )
         for name in _fitting(pattern, names):
-            out[name] = rate
+            out[name] = rate, trend
     for pattern in hold:
         for name in _fitting(pattern, names):
             out.pop(name, None)

@@ -99,16 +99,17 @@ class TrackHistory:
         return own.values[:, i], own.sigmas[:, i]
 
     def estimate(self) -> Estimate:
-        """Return what is known at the end, as an estimate with its covariance."""
-        sigmas = self.sigmas[-1]
-        rows = zip(self.names, self.values[-1], self.units, sigmas, self.described, strict=True)
+        """Return what is known at the end, as an estimate with its covariance; trends are no part of it."""
+        kept = [i for i, name in enumerate(self.names) if not name.endswith(".trend")]
+        table = zip(self.names, self.values[-1], self.units, self.sigmas[-1], self.described, strict=True)
+        rows = (row for i, row in enumerate(table) if i in kept)
         return Estimate(
             self.description,
             "tracking",
             tuple(classify(n, float(x), u, float(s), "tracked", nominal=float(d)) for n, x, u, s, d in rows),
             self.recordings,
             notes=self.notes,
-            covariance=self.covariance,
+            covariance=self.covariance[np.ix_(kept, kept)],
         )
 
     def to_dataframe(self) -> pd.DataFrame:

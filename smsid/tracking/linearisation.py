@@ -18,7 +18,7 @@ from smsid.estimation.sensitivities import DIFFERENCE
 from smsid.kernel.filter_arrays import Drive
 from smsid.simulate import Inputs
 from smsid.tracking.drive import applied_forces
-from smsid.tracking.followed_parameters import Followed
+from smsid.tracking.followed_parameters import Followed, trends_of
 
 LEAST = 0.05  # of its first value, the least mass or spring that a model is built with
 MOVED = 0.02  # share by which masses or an effect may change before derivatives by differences are renewed
@@ -49,6 +49,7 @@ class Linearisation:
         self.values = np.array([_buildable(u, x) for u, x in zip(unknowns, values, strict=True)])
         self.scales = np.array([u.scale for u in unknowns])
         self.rates = (np.array([f.rate for f in followed]) / self.scales) ** 2
+        self.trends = trends_of(followed)
         self.point = point_at(origin, unknowns, self.values)
         self.base = Instance.at(self.point, layout, locked)
         inertial = [i for i, u in enumerate(unknowns) if u.kind == "inertial"]
@@ -72,7 +73,14 @@ class Linearisation:
         if self._tables is not None:
             pushed = [d.index for d in self.differences if d.drives]
             self.compiled = with_parameters(
-                self.base, self._tables, self.scales, self.values, self.rates, self._biases, pushed
+                self.base,
+                self._tables,
+                self.scales,
+                self.values,
+                self.rates,
+                self.trends,
+                self._biases,
+                pushed,
             )
 
     def _like(self, before: Linearisation, inverse: np.ndarray, sigmas: np.ndarray | float) -> bool:
@@ -180,6 +188,8 @@ def point_at(origin: Point, unknowns: Sequence[Unknown], values: Sequence[float]
     inertial, biases = dict(origin.inertial), dict(origin.biases)
     by_effect: dict[str, dict[str, float]] = {}
     for u, value in zip(unknowns, map(float, values), strict=True):
+        if u.kind == "trend":
+            continue
         if u.kind == "inertial":
             inertial[u.column] = value - float(origin.whole[u.column])
         elif u.kind == "bias":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -23,8 +23,9 @@ RELINEARISE = 0.3  # standard deviations by which parameters may move before mod
 BETTER = 0.7  # of how well the point of the models is known: what is believed is then a better one
 FAR = 4.0  # standard deviations by which the models are too far, however well their point was known
 BEGINNING = 30.0  # [s] that are filtered again, as the models move
-GROWN = 2.0  # times as much as was filtered again before, from which that is done once more
+GROWN = 2.0, 1.25  # times as much as was filtered again before, from which it is done once more; with trends
 SMOOTHINGS, SETTLED = 3, 0.01  # of where the motion began; chi square by which it may still move
+STRETCH = 1.0  # [s] in which a trend moves models by little, where a beginning is filtered again
 NEGLIGIBLE = 1e-6  # of a parameter's size: nothing is built anew for less
 
 
@@ -61,7 +62,7 @@ class ParameterFilter:
         walk = walks_of(self.unknown_inputs, self.timing)
         self.inputs = np.array([u.dof for u in self.unknown_inputs], dtype=int), walk, self.input_noise
         self._variance = self.layout.sigma**2
-        self._bends = np.array([u.kind != "bias" for u in self._unknowns])
+        self._bends = np.array([u.kind not in ("bias", "trend") for u in self._unknowns])
         names = [n for e in self.origin.description.effect for n in e.lasting_joints()]
         tree = self.origin.base.pin
         self._lasting = [tree.joints[tree.getJointId(n)].idx_v for n in names]
@@ -84,7 +85,13 @@ class ParameterFilter:
     def begin(self, belief: Belief, time: float) -> None:
         """Begin the motion anew; of the parameters, what is known stays and wanders until ``time`` [s]."""
         own = self.covariance[self.parameters, self.parameters].copy()
-        own.flat[:: len(own) + 1] += self._rates**2 * max(0.0, time - self.time)
+        passed, (pairs, steep), move = max(0.0, time - self.time), self.at.trends, np.eye(len(own))
+        if len(pairs) and np.isfinite(passed):
+            move[pairs[:, 0], pairs[:, 1]] = passed * steep
+            self.values = self.values.copy()
+            self.values[pairs[:, 0]] += passed * self.values[pairs[:, 1]]
+            own = move @ own @ move.T
+        own.flat[:: len(own) + 1] += self._rates**2 * passed
         sigma = np.array([u.sigma for u in self.unknown_inputs])
         nv, k = len(belief.v), len(sigma)
         p = np.zeros((2 * nv + k + len(own),) * 2)
@@ -135,8 +142,8 @@ class ParameterFilter:
                 if np.array_equal(found.values, self.at.values):
                     return False
                 self.at, self.rebuilt, self.known_at = found, self.rebuilt + 1, sigma
-                self.moved = True
-                if self.begun is not None and self.time - self.begun.time >= GROWN * self.again:
+                self.moved, grown = True, GROWN[len(self.at.trends[0]) > 0]
+                if self.begun is not None and self.time - self.begun.time >= grown * self.again:
                     self._begin_again()
                 return True
             share *= 0.5
@@ -153,12 +160,12 @@ class ParameterFilter:
         self.again, self.moved = self.time - self.begun.time, False
         for _ in range(SMOOTHINGS):
             begun = copy(self.begun)
-            begun.at = self.at
+            begun.at = self._models_then(begun.time)
             nv, n = self.nv, 2 * self.nv
             begun.q = pin.integrate(self.at.base.plant.pin, begun.q, self.offset[:nv])
             begun.v = begun.v + self.offset[nv:]
             try:
-                end, change, score, information = begun._followed(self.since)
+                end, change, score, information = begun._followed(self.since, self._models_then)
             except SmsidError:
                 return  # lost about this point: the filter goes on as it is
             shift(self.at.base.plant.pin, self.at, end, -change @ self.offset)
@@ -169,13 +176,28 @@ class ParameterFilter:
             if moved @ information @ moved < SETTLED:
                 return
 
-    def _followed(self, passes: Sequence[tuple]) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:
+    def _models_then(self, time: float) -> Linearisation:
+        """Return the models at the values that trends, as believed now, say of an earlier time [s]."""
+        pairs = self.at.trends[0]
+        if not len(pairs):
+            return self.at
+        values = self.at.values.copy()
+        values[pairs[:, 0]] += self.values[pairs[:, 1]] * (time - self.time)
+        return Linearisation(
+            self.origin, self.followed, values, self.layout, self.locked, self.at, self.sigmas()
+        )
+
+    def _followed(
+        self, passes: Sequence[tuple], models: Callable[[float], Linearisation]
+    ) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:
         """Return where passes lead, how that changes with the motion where they begin (x, 2 nv), and score
-        (2 nv,) and information (2 nv, 2 nv) of what was read by that motion.
+        (2 nv,) and information (2 nv, 2 nv) of what was read by that motion. ``models`` are those of a time.
         """
-        n = 2 * self.nv
+        n, built = 2 * self.nv, self.time
         change, score, information = np.eye(len(self.covariance))[:, :n], np.zeros(n), np.zeros((n, n))
         for edges, drive, values, attitudes, commanded in passes:
+            if len(self.at.trends[0]) and edges[-1] > built + STRETCH:
+                built, self.at = float(edges[-1]), models(float(edges[-1]))
             if self.at.drives:
                 drive = self.drive(commanded[0], commanded[1], edges, drive.before[0])
             record = self.go_on(edges, drive, values, attitudes)

@@ -18,7 +18,7 @@ from smsid.likelihood.prior import Cad
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.tracking.change_detection import Change, ChangeDetector
-from smsid.tracking.followed_parameters import UNCERTAIN
+from smsid.tracking.followed_parameters import UNCERTAIN, Rate
 from smsid.tracking.json_lines import Columns, parse_sample
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
@@ -56,7 +56,7 @@ class Stream:
         description: Description,
         *,
         tracker: Tracker | None = None,
-        follow: Mapping[str, float | None] | None = None,
+        follow: Mapping[str, Rate] | None = None,
         hold: Sequence[str] = (),
         estimate: Estimate | None = None,
         cad: Cad | None = UNCERTAIN,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -27,7 +27,7 @@ from smsid.tracking.change_detection import ChangeDetector
 from smsid.tracking.course import Course
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.fixed_interval import Retraced
-from smsid.tracking.followed_parameters import UNCERTAIN
+from smsid.tracking.followed_parameters import UNCERTAIN, Rate
 from smsid.tracking.history import SmoothedTrack, TrackHistory
 from smsid.tracking.sample import samples_of
 from smsid.tracking.sample_buffer import Event
@@ -47,7 +47,7 @@ def track_recordings(
     description: Description,
     recordings: Sequence[Recording],
     *,
-    follow: Mapping[str, float | None] | None = None,
+    follow: Mapping[str, Rate] | None = None,
     hold: Sequence[str] = (),
     estimate: Estimate | None = None,
     cad: Cad | None = UNCERTAIN,
@@ -99,7 +99,7 @@ def track_recordings(
 def _track(
     description: Description,
     recordings: Sequence[Recording],
-    asked: tuple[Mapping[str, float | None] | None, Sequence[str], Estimate | None, Cad | None],
+    asked: tuple[Mapping[str, Rate] | None, Sequence[str], Estimate | None, Cad | None],
     how: tuple[FlightOptions | None, float, float | None, float, bool],
     hear: Callable[[Update], None] | None,
     false_alarms: float | None,
@@ -131,8 +131,11 @@ def _track(
     flown: list[tuple[Flight, Recording, float | None]] = []
     if estimate is None and warm_up > 0.0:
         looked = flights[0].problem.timing
-        timing, more = linearise_by_search(tracker, described, flights[0], warm_up)
+        (timing, step), more = linearise_by_search(tracker, described, flights[0], warm_up)
         flights = [with_timing(f, timing) if f.problem.timing == looked else f for f in flights]
+        flights = [
+            replace(f, problem=replace(f.problem, substep=min(step, f.problem.substep))) for f in flights
+        ]
         notes += more
     for number, (flight, recording) in enumerate(zip(flights, recordings, strict=True)):
         times = flight.problem.data.times
@@ -166,7 +169,7 @@ def _track(
         *rows.arrays(labels),
         tracker.names,
         tracker.units,
-        np.array([described.value(x.unknown) for x in tracker.start.followed]),
+        np.array([0.0 if x.of >= 0 else described.value(x.unknown) for x in tracker.start.followed]),
         rows.stack("values"),
         rows.stack("sigmas"),
         tuple(dof_names(described.base)),

@@ -24,7 +24,7 @@ from smsid.simulate import Inputs
 from smsid.tracking.course import Course
 from smsid.tracking.drive import CommandMemory
 from smsid.tracking.fit_watch import FitWatch
-from smsid.tracking.followed_parameters import UNCERTAIN, StartingPoint, followed_parameters
+from smsid.tracking.followed_parameters import UNCERTAIN, Rate, StartingPoint, followed_parameters
 from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.prediction import Prediction, covariance_in_units, filled, predict
 from smsid.tracking.sample import Sample
@@ -62,7 +62,7 @@ class Tracker:
         self,
         description: Description,
         *,
-        follow: Mapping[str, float | None] | None = None,
+        follow: Mapping[str, Rate] | None = None,
         hold: Sequence[str] = (),
         estimate: Estimate | None = None,
         cad: Cad | None = UNCERTAIN,

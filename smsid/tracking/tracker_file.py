@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from smsid._files import atomic_write
 from smsid.description.schema import Description
@@ -21,7 +22,9 @@ from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Noise, UnknownInput
+from smsid.inputs.signals import Constant, Sampled, Signal
 from smsid.kernel.filter_arrays import Drive
+from smsid.simulate import Inputs
 from smsid.tracking.course import Course
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import Followed, StartingPoint
@@ -32,7 +35,7 @@ from smsid.tracking.setting import Setting
 from smsid.tracking.tracker import Tracker
 
 SCHEMA = "smsid.tracker"
-VERSION = 6
+VERSION = 7
 STATE = ("q", "v", "unknown", "values", "covariance")
 PASSED = ("edges", "readings", "attitudes", *Drive._fields[:8])
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers give equal bytes
@@ -41,7 +44,6 @@ EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers
 def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
     """Write a tracker to a file (npz), whole or not at all, and return its path.
 
-    Where what commands do depends on a parameter, its beginning is not filtered again after it is restored.
     Raises `OutputError` when the file cannot be written.
     """
     f = tracker.filter
@@ -64,7 +66,7 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
         "version": VERSION,
         "description": description_digest(tracker.described),
         "setting": asdict(tracker.setting),
-        "followed": [{"unknown": asdict(x.unknown), "rate": x.rate} for x in tracker.start.followed],
+        "followed": [asdict(x) for x in tracker.start.followed],
         "notes": tracker.start.notes,
         "time": f.time,
         "moving": tracker.moving,
@@ -126,7 +128,7 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     tracker.course = Course()
     tracker.description = modal_panels(description)[0]
     tracker.setting = _setting(document["setting"])
-    followed = tuple(Followed(Unknown(**x["unknown"]), x["rate"]) for x in document["followed"])
+    followed = tuple(Followed(**{**x, "unknown": Unknown(**x["unknown"])}) for x in document["followed"])
     start = StartingPoint(
         followed, arrays["start_mean"], arrays["start_covariance"], tuple(document["notes"])
     )
@@ -167,7 +169,7 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
 def _beginning(f: ParameterFilter, arrays: dict[str, np.ndarray]) -> dict[str, Any] | None:
     """Return what there is to say of a beginning that may be filtered again; its arrays are added."""
     begun, passes = f.begun, f.since
-    if begun is None or f.at.drives:
+    if begun is None:
         return None
     for name in STATE:
         arrays[f"begun:{name}"] = getattr(begun, name)
@@ -176,7 +178,41 @@ def _beginning(f: ParameterFilter, arrays: dict[str, np.ndarray]) -> dict[str, A
         arrays[f"since:{name}"] = np.concatenate([np.zeros(0), *(row[k].ravel() for row in rows)])
     shapes = [[x.shape for x in row] for row in rows]
     arrays["begun:offset"] = f.offset
-    return {"time": begun.time, "shapes": shapes, "again": f.again, "moved": f.moved}
+    told: dict[str, Any] = {"commanded": []}
+    if f.at.drives:  # what commands do is asked again
+        kept: list[Inputs] = []
+        for *_, (inputs, substep) in passes:
+            k = next((i for i, x in enumerate(kept) if x is inputs), len(kept))
+            kept += [inputs] * (k == len(kept))
+            told["commanded"].append((k, substep))
+        told["inputs"] = [_signals(inputs, k, arrays) for k, inputs in enumerate(kept)]
+    return told | {"time": begun.time, "shapes": shapes, "again": f.again, "moved": f.moved}
+
+
+def _signals(inputs: Inputs, number: int, arrays: dict[str, np.ndarray]) -> dict[str, int | None]:
+    """Return degrees of the signals by what they command, ``None`` of a constant; their arrays are added."""
+    out: dict[str, int | None] = {}
+    for name, signal in vars(inputs).items():
+        key = f"input{number}:{name}"
+        if isinstance(signal, Constant):
+            out[name], arrays[f"{key}:c"] = None, signal.value
+        elif isinstance(signal, Sampled):
+            out[name] = signal.degree
+            arrays |= {f"{key}:t": signal.spline.t, f"{key}:c": signal.spline.c}
+            arrays[f"{key}:knots"] = np.array(signal.knots, dtype=float)
+    return out
+
+
+def _inputs(told: dict[str, int | None], number: int, arrays: dict[str, np.ndarray]) -> Inputs:
+    signals: dict[str, Signal] = {}
+    for name, degree in told.items():
+        key = f"input{number}:{name}"
+        if degree is None:
+            signals[name] = Constant(arrays[f"{key}:c"])
+            continue
+        spline = BSpline(arrays[f"{key}:t"], arrays[f"{key}:c"], degree)
+        signals[name] = Sampled(spline, degree, tuple(arrays[f"{key}:knots"].tolist()))
+    return Inputs(**signals)  # type: ignore[arg-type]
 
 
 def _restore_beginning(f: ParameterFilter, told: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
@@ -190,8 +226,10 @@ def _restore_beginning(f: ParameterFilter, told: dict[str, Any], arrays: dict[st
         sizes = [int(np.prod(shapes[k])) for shapes in told["shapes"]]
         parts = np.split(arrays[f"since:{name}"], np.cumsum(sizes)[:-1]) if sizes else []
         own.append([x.reshape(shapes[k]) for x, shapes in zip(parts, told["shapes"], strict=True)])
-    for edges, values, attitudes, *drive in zip(*own, strict=True):
-        f.since.append((edges, Drive._make((*drive, *f.inputs)), values, attitudes, ()))
+    inputs = [_inputs(x, k, arrays) for k, x in enumerate(told.get("inputs", ()))]
+    commanded = [(inputs[k], substep) for k, substep in told["commanded"]] or [()] * len(told["shapes"])
+    for (edges, values, attitudes, *drive), asked in zip(zip(*own, strict=True), commanded, strict=True):
+        f.since.append((edges, Drive._make((*drive, *f.inputs)), values, attitudes, asked))
 
 
 def description_digest(description: Description) -> str:

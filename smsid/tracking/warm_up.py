@@ -21,30 +21,33 @@ LOGGER = logging.getLogger(__name__)
 
 def linearise_by_search(
     tracker: Tracker, described: Point, flight: Flight, seconds: float
-) -> tuple[Timing, list[str]]:
+) -> tuple[tuple[Timing, float], list[str]]:
     """Linearise a tracker about the most likely parameters of a flight's first seconds.
 
-    Returns how commands act by that, and notes. Only the point of linearisation changes: means and
-    covariances stay what they are.
+    Returns how commands act by that and the steps that it takes [s], and notes. Only the point of
+    linearisation changes: means and covariances stay what they are.
     """
     f = tracker.filter
     begun = _beginning(flight, seconds, f.followed)
     unknowns = []
-    for x, mean, sigma in zip(f.followed, f.values, f.sigmas(), strict=True):
+    sought = [i for i, x in enumerate(f.followed) if x.of < 0]
+    for i in sought:
+        x, mean, sigma = f.followed[i], f.values[i], f.sigmas()[i]
         name = f"{flight.label}: {x.name}" if x.unknown.kind == "bias" else x.name
         unknowns.append(replace(x.unknown, name=name, nominal=float(mean), sigma=float(sigma)))
     try:
         found, taken, _ = _search(described, unknowns, [begun], None)
     except SmsidError as error:
         LOGGER.info("no warm-up: %s", error)
-        return flight.problem.timing, [
+        return (flight.problem.timing, flight.problem.substep), [
             f"the search over the first {seconds:.4g} s did not come to rest: models begin at the "
             "description's values, and bands may be too narrow at first"
         ]
-    values = np.array([found.point.value(u) for u in unknowns])
-    sigmas = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
+    values, sigmas = f.values.copy(), f.sigmas()
+    values[sought] = [found.point.value(u) for u in unknowns]
+    sigmas[sought] = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
     f.linearise_at(values, sigmas)
-    return taken[0].problem.timing, []
+    return (taken[0].problem.timing, taken[0].problem.substep), []
 
 
 def _beginning(flight: Flight, seconds: float, followed: Sequence[Followed]) -> Flight:

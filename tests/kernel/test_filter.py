@@ -263,9 +263,10 @@ def test_a_pass_with_parameters_is_the_plain_one(crafts, sensed, more):
     description = description.with_effects(gain, *more)
     names = [n for n in FOLLOW if not (more and n.startswith("panel"))]  # a beam is followed by its density
     names += ["rub.viscous", "rub.coulomb", "soft.factor", "panel.density"] if more else []
-    follow = dict.fromkeys(names)
+    follow = dict.fromkeys(names) | {names[0]: (None, 0.1), "gain.error.x": (0.0, 0.01)}
     tracker, rng = Tracker(description, follow=follow), np.random.default_rng(2)
     f = tracker.filter
+    assert len(f.at.trends[0]) >= 2
     q, v = moving(f.at.base.model, rng)
     own, inputs = forces(f.at.base.model, N - 1, rng)
     f.q, f.v, f.time, f.inputs = q, v, 0.0, inputs

@@ -11,7 +11,7 @@ import pytest
 from smsid.effects import ExternalWrench, JointFriction, ThrusterGain
 from smsid.model import build_model
 from smsid.recording import Recording
-from smsid.tracking import ChangeDetector, Tracker
+from smsid.tracking import ChangeDetector, Tracker, load_tracker, save_tracker
 from smsid.tracking.sample import samples_of
 from smsid.tracking.setting import Setting
 from tests.estimation.satellite import Satellite, guess, recorded
@@ -204,3 +204,28 @@ def test_a_body_several_times_as_heavy_as_the_craft_is_measured(description, tru
     for name, true in inertia_of(HEAVY).items():
         jump, sigma = jumps[name]
         assert abs(jump - true) < 4.0 * sigma, (name, jump, true, sigma)
+
+
+@pytest.mark.parametrize("at", (40, 90, 150))
+def test_a_tracker_whose_commands_depend_on_a_parameter_is_restored_exactly(
+    description, truth, before, tmp_path, at
+):
+    """Also while its beginning may still be filtered again: what was commanded is asked again."""
+    samples = list(samples_of(flown(truth, before)))
+    follow = dict.fromkeys(("bus.I*", "thrust.gain.*"), 0.0)
+    plain = Tracker(description, follow=follow, cad=0.2)
+    setting = Setting.of(plain.description, plain.origin.base, hold="linear")
+    whole, first = (Tracker(description, follow=follow, cad=0.2, setting=setting) for _ in range(2))
+    assert whole.filter.at.drives
+    for sample in samples[:at]:
+        whole.update(sample)
+        first.update(sample)
+    save_tracker(first, tmp_path / "state.npz")
+    second = load_tracker(tmp_path / "state.npz", description)
+    again = whole.filter.again
+    for sample in samples[at : at + 250]:
+        whole.update(sample)
+        second.update(sample)
+    assert whole.filter.again != again or whole.filter.begun is None  # it was filtered again
+    assert np.array_equal(whole.filter.values, second.filter.values)
+    assert np.array_equal(whole.covariance, second.covariance)

@@ -167,8 +167,8 @@ def test_a_saved_tracker_of_another_version_or_craft_is_refused(description, sam
     path = save_tracker(tracker, tmp_path / "state.npz")
     with pytest.raises(RecordingError, match="another description"):
         load_tracker(path, craft(tmp_path / "other", off=0.2))
-    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 7)
-    with pytest.raises(RecordingError, match="version 6; this smsid reads 7"):
+    monkeypatch.setattr("smsid.tracking.tracker_file.VERSION", 8)
+    with pytest.raises(RecordingError, match="version 7; this smsid reads 8"):
         load_tracker(path, description)
     path.write_bytes(json.dumps({}).encode())
     with pytest.raises(RecordingError, match="no saved tracker"):
