@@ -184,37 +184,35 @@ class Comparison(Told):
 
     def to_json(self) -> str:
         """Return the JSON text; not-a-number is written as null."""
-        return comparison_json(self)
+        document = {
+            "schema": SCHEMA_VERSION,
+            "kind": "comparison",
+            "smsid": __version__,
+            "first": self.first,
+            "second": self.second,
+            "changed": self.changed,
+            "sentence": self.sentence,
+            "chi_squared": {"value": self.statistic, "freedom": self.freedom, "p_value": self.p_value},
+            "findings": [
+                {
+                    **asdict(f),
+                    "quantities": [{**asdict(q), "interval": list(q.interval)} for q in f.quantities],
+                }
+                for f in self.findings
+            ],
+            "left_p_value": self.left,
+            "parameters": [
+                {**asdict(p), "change": p.change, "interval": list(p.interval), "interval_level": 0.95}
+                for p in self.parameters
+            ],
+            "not_comparable": [asdict(n) for n in self.not_comparable],
+            "notes": list(self.notes),
+        }
+        return json.dumps(json_ready(document), indent=1, allow_nan=False) + "\n"
 
 
 NUMBERS = {"before", "after", "sigma", "p_value", "value"}
 COMPARISON = TypeAdapter(Comparison)
-
-
-def comparison_json(found: Comparison) -> str:
-    """Return a comparison as JSON text; not-a-number is written as null."""
-    document = {
-        "schema": SCHEMA_VERSION,
-        "kind": "comparison",
-        "smsid": __version__,
-        "first": found.first,
-        "second": found.second,
-        "changed": found.changed,
-        "sentence": found.sentence,
-        "chi_squared": {"value": found.statistic, "freedom": found.freedom, "p_value": found.p_value},
-        "findings": [
-            {**asdict(f), "quantities": [{**asdict(q), "interval": list(q.interval)} for q in f.quantities]}
-            for f in found.findings
-        ],
-        "left_p_value": found.left,
-        "parameters": [
-            {**asdict(p), "change": p.change, "interval": list(p.interval), "interval_level": 0.95}
-            for p in found.parameters
-        ],
-        "not_comparable": [asdict(n) for n in found.not_comparable],
-        "notes": list(found.notes),
-    }
-    return json.dumps(json_ready(document), indent=1, allow_nan=False) + "\n"
 
 
 def save_comparison(found: Comparison, path: str | os.PathLike[str]) -> None:
