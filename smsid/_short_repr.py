@@ -21,6 +21,9 @@ class Told:
     def __repr__(self) -> str:
         return as_text(*self._told())
 
+    def __str__(self) -> str:  # pydantic has one of its own
+        return repr(self)
+
     def _repr_html_(self) -> str:
         return as_html(*self._told())
 
