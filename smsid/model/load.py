@@ -25,6 +25,7 @@ from smsid.description.urdf_check import (
 )
 from smsid.description.urdf_reading import JointReading, LinkReading, Mimic, UrdfReading, parse_urdf
 from smsid.effects.assembly import find_frame
+from smsid.effects.inertial_parameters import matrix_to_parameters
 from smsid.errors import DescriptionError
 from smsid.model.followers import Followers, mimics_of
 from smsid.model.spacecraft import JointGroup, motion_columns, set_group_angles
@@ -366,7 +367,10 @@ def _check_body(
 
 def _parameters(link: LinkReading, placement: pin.SE3) -> np.ndarray:
     """Inertial parameters (10,) about the origin of the joint that carries the link."""
-    return placement.act(pin.Inertia(link.mass, link.centre, link.inertia)).toDynamicParameters()
+    centre = placement.act(link.centre)  # `pin.Inertia` refuses bodies that cannot exist, as some robots have
+    about = placement.rotation @ link.inertia @ placement.rotation.T
+    about = about + link.mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
+    return np.array([link.mass, *(link.mass * centre), *matrix_to_parameters(about)])
 
 
 def _differs(place: str, source: str, element: str, said: object, has: object) -> None:
