@@ -12,8 +12,9 @@ from smsid.description.schema import Description
 from smsid.errors import DescriptionError, EstimateError
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.unknowns import BIAS, MOST, STEP, biases_of, unknowns_of
-from smsid.export.bodies import parse_combination
+from smsid.export.bodies import linear_terms
 from smsid.identify.estimate import Estimate
+from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.prior import Cad
 
 UNCERTAIN = 0.2
@@ -46,12 +47,16 @@ class Followed:
 
 @dataclass(frozen=True, eq=False)
 class StartingPoint:
-    """Parameters to follow with mean (m,) and covariance (m, m) at the start, in their units."""
+    """Parameters to follow with mean (m,) and covariance (m, m) at the start, in their units.
+
+    Others are ``held`` at values that an estimate says.
+    """
 
     followed: tuple[Followed, ...]
     mean: np.ndarray
     covariance: np.ndarray
     notes: tuple[str, ...] = ()
+    held: tuple[tuple[Unknown, float], ...] = ()
 
 
 def followed_parameters(
@@ -96,6 +101,8 @@ def followed_parameters(
         for q in s.quantities
     }
     found, steady = [], []
+    others = [_with_prior(u) for u in every if u.name not in rates and u.kind != "bias"]
+    others = [u for u in others if np.isfinite(u.sigma)]
     for u in every:
         if u.name in rates:
             own, (rate, trend) = _with_prior(u), rates[u.name]
@@ -117,7 +124,20 @@ def followed_parameters(
     covariance = np.diag([f.unknown.sigma**2 for f in found])
     if estimate is None:
         return StartingPoint(tuple(found), mean, covariance)
-    return _with_estimate(found, mean, covariance, estimate)
+    m, held = len(found), [Followed(u, 0.0) for u in others]
+    wide = np.diag([*np.diag(covariance), *(u.sigma**2 for u in others)])
+    told = linear_terms(estimate, whole_bodies(point.base)[:10])
+    known_before = np.array([*mean, *(u.nominal for u in others)])
+    whole = _with_estimate([*found, *held], known_before, wide, estimate, told, m)
+    known = tuple(
+        (f.unknown, float(x))
+        for f, x, s in zip(held, whole.mean[m:], np.sqrt(np.diag(whole.covariance))[m:], strict=True)
+        if s < f.unknown.sigma
+    )
+    notes = whole.notes
+    if known:
+        notes += (f"held at what the estimate says: {', '.join(u.name for u, _ in known)}",)
+    return StartingPoint(tuple(found), whole.mean[:m], whole.covariance[:m, :m], notes, known)
 
 
 def trends_of(followed: Sequence[Followed]) -> tuple[np.ndarray, np.ndarray]:
@@ -182,9 +202,17 @@ def _with_prior(unknown: Unknown) -> Unknown:
 
 
 def _with_estimate(
-    found: Sequence[Followed], mean: np.ndarray, covariance: np.ndarray, estimate: Estimate
+    found: Sequence[Followed],
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    estimate: Estimate,
+    told: Mapping[str, tuple[dict[str, float], float]],
+    own: int,
 ) -> StartingPoint:
-    """Return what is known of parameters after an estimate of them, or of sums of them."""
+    """Return what is known of parameters after an estimate of them, or of sums of them (`linear_terms`).
+
+    Raises `EstimateError` where it says nothing of the first ``own``, which are followed.
+    """
     if estimate.covariance is None:
         raise EstimateError(
             f"The estimate by {estimate.method} has no covariance.",
@@ -193,7 +221,7 @@ def _with_estimate(
     index = {f.name: i for i, f in enumerate(found)}
     rows, kept, unused = [], [], []
     for k, p in enumerate(estimate.parameters):
-        terms = parse_combination(p.name)
+        terms, _ = told.get(p.name, ({}, 0.0))
         finite = np.isfinite(p.value) and np.isfinite(estimate.covariance[k]).all()
         if not terms or not set(terms) <= set(index) or not finite:
             unused.append(p.name)
@@ -205,12 +233,12 @@ def _with_estimate(
         kept.append(k)
     notes = []
     if unused:
-        notes.append(f"not taken from the estimate, as they are no parameters followed: {', '.join(unused)}")
-    if not rows:
+        notes.append(f"not taken from the estimate, as they are no parameters here: {', '.join(unused)}")
+    if not any(np.any(row[:own]) for row in rows):
         raise EstimateError(
             "No parameter of the estimate is followed.", advice="Is it an estimate of this description?"
         )
-    h, value = np.array(rows), np.array([estimate.parameters[k].value for k in kept])
+    h, value = np.array(rows), np.array([told[estimate.parameters[k].name][1] for k in kept])
     noise = estimate.covariance[np.ix_(kept, kept)]
     wide = covariance.copy()
     for row, variance in zip(h, np.diag(noise), strict=True):

@@ -25,6 +25,7 @@ from smsid.tracking.course import Course
 from smsid.tracking.drive import CommandMemory
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN, Rate, StartingPoint, followed_parameters
+from smsid.tracking.linearisation import point_at
 from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.prediction import Prediction, covariance_in_units, filled, predict
 from smsid.tracking.sample import Sample
@@ -86,7 +87,8 @@ class Tracker:
 
     def _build(self, origin: Point, start: StartingPoint) -> None:
         model, setting = origin.base, self.setting
-        self.origin, self.start = origin, start
+        unknowns, at = [u for u, _ in start.held], [x for _, x in start.held]
+        self.origin, self.start = point_at(origin, unknowns, at), start
         layout = setting.layout(model, self.description)
         locked = np.array(setting.locked, dtype=int)
         scales = np.array([f.unknown.scale for f in start.followed])
@@ -97,7 +99,7 @@ class Tracker:
         problem = Problem(_NOTHING, layout, locked, timing, setting.noise, unknown_inputs=unknown)
         noise, home = _input_covariance(model, problem), model.home.copy()
         self.filter = ParameterFilter(
-            origin, start.followed, layout, locked, unknown, timing, noise, -np.inf, home,
+            self.origin, start.followed, layout, locked, unknown, timing, noise, -np.inf, home,
             np.zeros(model.nv), np.zeros(k), start.mean.copy(), covariance,
         )  # fmt: skip
         self.log = EventLog()

@@ -68,6 +68,7 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
         "setting": asdict(tracker.setting),
         "followed": [asdict(x) for x in tracker.start.followed],
         "notes": tracker.start.notes,
+        "held": [(asdict(u), x) for u, x in tracker.start.held],
         "time": f.time,
         "moving": tracker.moving,
         "first": tracker._first,
@@ -130,8 +131,9 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     tracker.setting = _setting(document["setting"])
     followed = tuple(Followed(**{**x, "unknown": Unknown(**x["unknown"])}) for x in document["followed"])
     start = StartingPoint(
-        followed, arrays["start_mean"], arrays["start_covariance"], tuple(document["notes"])
-    )
+        followed, arrays["start_mean"], arrays["start_covariance"], tuple(document["notes"]),
+        tuple((Unknown(**u), x) for u, x in document["held"]),
+    )  # fmt: skip
     tracker._build(Point.of(tracker.description), start)
     f = tracker.filter
     f.q, f.v, f.unknown, f.values = (arrays[k] for k in ("q", "v", "unknown", "values"))

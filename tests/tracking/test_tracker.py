@@ -308,3 +308,27 @@ def test_a_motion_that_is_lost_is_told_and_begun_anew(description, samples):
     assert (tracker.sigmas > sound.sigmas).all()  # by the last eight seconds only
     with pytest.raises(SimulationError, match="lost the recording"):
         streaming(description).update_all(struck(5.0))
+
+
+def test_what_is_not_followed_is_held_at_the_estimate_not_at_the_description(description, recording):
+    """The craft's inertia is 5 % off as described. The estimate tells it about the centre of mass, as nothing
+    tells the mass; one element is followed, the others are where the estimate has them.
+    """
+    found = identify_flights(description, [recording], cad=0.2, options=COMMANDED).estimate
+    assert "bus.Icxx" in found
+    again = flight(20.0, seed=8)
+    history, tracker = track_recordings(
+        description, [again], follow={"bus.Ixx": 0.0}, estimate=found, options=COMMANDED
+    )
+    assert history.names == ("bus.Ixx",)
+    assert "does not explain" not in str(history.notes)
+    assert any("held at what the estimate says" in n and "bus.Izz" in n for n in history.notes)
+    assert abs(history.values[-1, 0] - true_inertia()[0]) < 6.0 * found["bus.Icxx"].sigma
+    held = {u.name: x for u, x in tracker.start.held}
+    assert held["bus.Izz"] == pytest.approx(found["bus.Iczz"].value, rel=1e-4)
+    everything, _ = track_recordings(description, [again], follow=CONSTANT, estimate=found, options=COMMANDED)
+    names = [everything.names.index(n) for n in INERTIA]
+    off = (everything.values[-1, names] - true_inertia()) / everything.sigmas[-1, names]
+    assert np.abs(off).max() < 3.5
+    told = np.array([found[n.replace("I", "Ic")].sigma for n in INERTIA])
+    assert (everything.sigmas[-1, names] < told).all()
