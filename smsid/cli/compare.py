@@ -88,6 +88,6 @@ def _quantities(finding: Finding, everything: bool) -> Any:
     table = plain_table("quantity", "value", "± 95 %", "unit", "", left=("quantity", "unit", ""))
     for q in finding.quantities:
         if everything or q.name.startswith(("mass", "centre", "central_inertia")):
-            numbers = f"{q.value:.5g}", f"{1.96 * q.sigma:.2g}"
+            numbers = (f"{q.value:.5g}", f"{1.96 * q.sigma:.2g}") if q.told else ("", "")
             table.add_row(q.name, *numbers, q.unit, "" if q.told else "not told")
     return table

@@ -12,7 +12,7 @@ from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, Unchecked
 from smsid.cli.output import print_parts, working
-from smsid.cli.places import Writes
+from smsid.cli.places import Writes, is_ours
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -25,8 +25,12 @@ if TYPE_CHECKING:
 
 
 def _extended_beside(output: Path) -> tuple[Path, ...]:
-    """Return where the extended description stands when --extended does not say."""
-    return (output.with_name("extended.toml"),)
+    """Return where the extended description stands when --extended does not say.
+
+    One that smsid wrote is another diagnosis's where this one was never written, and stays.
+    """
+    plain, own = output.with_name("extended.toml"), output.with_suffix(".extended.toml")
+    return (own if own.exists() or (is_ours(plain) and not output.exists()) else plain,)
 
 
 DiagnosisOutput = Annotated[
@@ -47,7 +51,10 @@ def diagnose_command(
     output: DiagnosisOutput = Path("diagnosis.json"),
     extended: Annotated[
         Path | None,
-        typer.Option(help="description with the causes in it; by default extended.toml beside"),
+        typer.Option(
+            help="description with the causes in it; by default extended.toml beside, or, where that is "
+            "another diagnosis's, <output>.extended.toml"
+        ),
         Writes((".toml",)),
     ] = None,
     unchecked: Unchecked = False,
@@ -71,12 +78,12 @@ def diagnose_command(
     if description.suffix == ".urdf" and is_of_an_arm(loaded):
         described = arm_description(description)
     known = read_estimate(estimate)
+    place = extended if extended is not None else _extended_beside(output)[0]
     with working("diagnosing"):
         found = diagnose(described, loaded, estimate=known, validation=judged, cutoff=cutoff)
     save_diagnosis(found.diagnosis, output)
     written = [output]
     if found.diagnosis.extends:
-        place = extended if extended is not None else _extended_beside(output)[0]
         save_description(found.extended, place)
         written.append(place)
 

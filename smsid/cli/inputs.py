@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,11 +16,15 @@ if TYPE_CHECKING:
     from smsid.report import Provenance, Report
 
 
-def read_recordings(paths: Iterable[Path], unchecked: bool = False) -> list[Recording]:
-    """Return recordings; ``unchecked`` ones are used although channels contradict each other."""
+def read_recordings(paths: Collection[Path], unchecked: bool = False) -> list[Recording]:
+    """Return recordings, those without a name called as their files.
+
+    ``unchecked`` ones are used although channels contradict each other.
+    """
     from smsid.recording import load_recording
 
-    found = (load_recording(path) for path in paths)
+    found = [load_recording(path) for path in paths]
+    found = [r if r.name else r.with_name(path.stem) for r, path in zip(found, paths, strict=True)]
     return [recording.unchecked() if unchecked else recording for recording in found]
 
 

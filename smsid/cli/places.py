@@ -289,7 +289,7 @@ def check_toml(path: Path, called: str) -> None:
     Raises:
         OutputError: the file is there, and not as smsid wrote it.
     """
-    if path.is_file() and not _is_ours(path):
+    if path.is_file() and not is_ours(path):
         raise OutputError(
             f"{called} '{path}' is there already and was written or changed by hand.",
             advice=f"Give {called} another path, or remove that file.",
@@ -297,10 +297,11 @@ def check_toml(path: Path, called: str) -> None:
         )
 
 
-def _is_ours(path: Path) -> bool:
+def is_ours(path: Path) -> bool:
+    """Whether a text is there that smsid wrote, and nobody changed since."""
     try:
         return is_signed(path.read_text(encoding="utf-8"))
-    except ValueError:
+    except (ValueError, OSError):
         return False
 
 
@@ -352,7 +353,7 @@ def _written_kind(path: Path) -> str:
         kind = kind_of(path)
     except SmsidError:
         return ""
-    if suffix == ".toml" and not _is_ours(path):
+    if suffix == ".toml" and not is_ours(path):
         return ""
     from smsid.recording.storage import file_attribute
 

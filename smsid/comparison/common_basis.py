@@ -140,7 +140,7 @@ def _terms(estimate: Estimate) -> dict[str, dict[str, float]]:
         if by_product or not np.isfinite(p.value) or not 0.0 < p.sigma < np.inf:
             continue
         found = parse_combination(p.name)
-        linear = found is not None and all(inertial_element(n) for n in found)
+        linear = found is not None and any(inertial_element(n) for n in found)  # a rotor may be among them
         out[p.name] = found if linear and found is not None else {p.name: 1.0}
     return out
 

@@ -177,11 +177,11 @@ def _notes(first: Estimate, second: Estimate, common: Common, called: tuple[str,
             )
     if first.description != second.description:
         yield f"the estimates are of '{first.description}' and of '{second.description}': is that one craft?"
-    shared = sorted(set(first.recordings) & set(second.recordings))
+    shared = sorted(set(first.recordings) & set(second.recordings) - {""})
     if shared:
         yield (
-            f"both estimates are from {', '.join(shared)}: they are not independent, and differences look "
-            "smaller than they are"
+            f"both estimates are from recordings called {', '.join(shared)}: if these are the same, they are "
+            "not independent, and differences look smaller than they are"
         )
     if not len(common.names):
         yield "the estimates have no parameter in common"

@@ -162,26 +162,10 @@ def largest_innovation_time(run: FilterRun) -> float:
     return float(run.states.time[1 + int(np.argmax(squares[1:]))])
 
 
-def is_poor_fit(found: Fit) -> bool:
-    """Whether a fit leaves so much that the curvature of its parameters may hide what it could reach."""
-    samples = found.run.samples
-    return float((found.run.innovations**2).sum()) - samples > THRESHOLDS.beginning_poor * np.sqrt(
-        2.0 * samples
-    )
-
-
-def always(current: Fit, score: Score, alias: float) -> tuple[Score, Fit]:
-    """Return a cause's score and the fit with it there all the time, where its onset no longer pays.
-
-    The onset may have made up for another cause, found since.
-    """
-    (score,), current = always_together(current, [score], alias)
-    return score, current
-
-
 def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tuple[list[Score], Fit]:
-    """Return the scores of causes and the fit with all of them there all the time, where their onsets do not
-    pay what each of them costs: of two that began beside a third, now gone, each may hold up the other's.
+    """Return the scores of causes and the fit with all of them there all the time, where their onsets no
+    longer pay what each of them costs: they may have made up for another cause, found since, and of two that
+    began beside a third, now gone, each may hold up the other's.
     """
     late = [s for s in scores if s.candidate.start is not None]
     if not late:

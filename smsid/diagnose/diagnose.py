@@ -53,10 +53,12 @@ from smsid.estimation.problem import Noise, Problem, Timing
 from smsid.identify.estimate import Estimate
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
-from smsid.recording.checks import consistency_notes
+from smsid.recording._checks import Contradictions
 
 LOGGER = logging.getLogger(__name__)
 RATE = 25.0  # [Hz]
+SENSOR_FAULTS = ("stuck", "outlier", "sign", "scale", "delay")
+"""Kinds of contradictions between channels that are hypotheses: they are explained, not refused."""
 
 
 @short_repr
@@ -106,7 +108,7 @@ def diagnose(
     names = tuple(r.name for r in (*recordings, *validation))
     with threadpool_limits(limits=1, user_api="blas"):
         try:
-            doubts = consistency_notes([*recordings, *validation])
+            doubts = _doubts([*recordings, *validation])
             if torques_were_measured(description, recordings[0]):  # takes the columns by their labels itself
                 result, extended, torques = diagnose_torques(
                     description, recordings, estimate=estimate, validation=validation, cutoff=cutoff
@@ -131,7 +133,7 @@ def _diagnose(
     names: tuple[str, ...],
 ) -> Diagnosed:
     for recording in recordings:
-        recording.check()
+        recording.check(consistency=False)
     labels = labels_of(recordings)
     known = nominal(description, estimate, labels[1:])
     point, description = known.point, known.point.description
@@ -254,6 +256,15 @@ def _diagnose(
         notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *by.failed, *told, *gone) if n),
     )
     return Diagnosed(result, extended, found, point=reached)
+
+
+def _doubts(recordings: Sequence[Recording]) -> list[str]:
+    """Refuse channels that contradict each other as a sensor's fault does not; say what else is doubtful."""
+    found = [(r, r.contradictions().findings) for r in recordings]
+    for recording, findings in found:
+        if not recording.provenance.get("unchecked"):
+            Contradictions(tuple(f for f in findings if f.kind not in SENSOR_FAULTS)).refuse()
+    return [f"'{r.name}' is doubtful: {said}" for r, own in found for said in Contradictions(own).sentences]
 
 
 def _problem(point: Point, placed: Placed, joint: JointPrior) -> Problem:

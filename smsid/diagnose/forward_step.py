@@ -8,18 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.backward_elimination import eliminate_backward
 from smsid.diagnose.change_point import (
-    always,
     always_together,
     best_onsets,
-    is_poor_fit,
     refine_onset,
     scan_onsets,
     sync_onset,
     with_onset,
 )
-from smsid.diagnose.exchange_step import exchange_step, recompute_evidence
+from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
 from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, with_misfit
 from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
@@ -249,12 +246,8 @@ class State:
         levels, self._finer = self.levels, False
         (cause,) = self._as_begun([cause], found)
         moved, found = refine_onset(found, cause.score)
-        cause = replace(cause, score=moved)
-        if is_poor_fit(found):  # perhaps as the cause was there all the time
-            still, found = always(found, cause.score, levels.onset)
-            cause = replace(cause, score=still)
-        self.causes, found = drop_onset(self.causes, found, levels)
-        *self.causes, cause = self._as_begun([*self.causes, cause], found)
+        causes, found = drop_onset([*self.causes, replace(cause, score=moved)], found, levels)
+        *self.causes, cause = self._as_begun(causes, found)
         within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
@@ -369,7 +362,7 @@ def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThreshold
     """
     scores, found = [c.score for c in causes], current
     for i, score in enumerate(scores):
-        scores[i], found = always(found, score, levels.onset)
+        (scores[i],), found = always_together(found, [score], levels.onset)
     if sum(s.candidate.start is not None for s in scores) > 1:
         scores, found = always_together(found, scores, levels.onset)
     return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found

@@ -31,20 +31,12 @@ OUT_OF_REACH = 0.01  # of what the best contender gains, by which another may fa
 class Cause:
     """An accepted candidate with its score, and those this experiment does not tell from it.
 
-    ``aliases`` pairs scores with their correlation; ``ratio`` is the likelihood ratio after the refit;
-    ``beside`` names the parameters that were fitted when it was scored.
+    ``aliases`` pairs scores with their correlation; ``ratio`` is the likelihood ratio after the refit.
     """
 
     score: Score
     aliases: tuple[tuple[Score, float], ...]
     ratio: float
-    beside: tuple[str, ...]
-
-    def score_beside(self, names: Sequence[str]) -> Score:
-        """Return its score with other parameters fitted; what it takes of new ones is not known."""
-        rows = dict(zip(self.beside, self.score.taken, strict=True))
-        nothing = np.zeros(self.score.taken.shape[1])
-        return replace(self.score, taken=np.array([rows.get(n, nothing) for n in names]))
 
 
 def accept(
@@ -117,8 +109,7 @@ def accept(
         near += [
             s for s in rivals if s not in contenders and not is_distinguishable(best, s, samples, levels)
         ]
-    beside = tuple(u.name for u in current.unknowns)
-    return Cause(winner, aliases_of(winner, near, samples, reached), ratio, beside), found
+    return Cause(winner, aliases_of(winner, near, samples, reached), ratio), found
 
 
 def simplest_law(best: Score, scores: Sequence[Score], samples: int, levels: DetectionThresholds) -> Score:

@@ -15,8 +15,11 @@ from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.innovations import normalised_rmse
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.loosening import loosened
 from smsid.estimation.map_estimate import ENOUGH, Fit, continued, evaluate, fit
-from smsid.estimation.measurements import Measured
+from smsid.estimation.measurements import ChannelSlice, Measured, matrix
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Noise, Problem
 
@@ -24,7 +27,7 @@ LOGGER = logging.getLogger(__name__)
 LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
-HALF = 0.5  # share of the squared error that a component or channel has, to be left out for a trial
+HALF = 0.5  # share of the squared errors that a channel takes with it that strays by itself
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 PARTS = 8  # segments of the spectrum that misfit is read from
 FEW = 50  # samples below which a channel says nothing of its noise
@@ -74,56 +77,95 @@ def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fi
 
 
 def strays_by_row(run: FilterRun, factors: np.ndarray) -> np.ndarray:
-    """Return the root mean square of every component's prediction errors (rows,), in stated noise.
-
-    ``factors`` (rows,) are the levels of the run's noise over the stated one.
+    """Return the root mean square of every component's prediction errors (rows,), in stated noise, outliers
+    left out as in `normalised_rmse`; ``factors`` (rows,) are levels of the run's noise over that.
     """
-    x = np.where(run.used, run.normalised * factors, 0.0)
-    return np.sqrt((x**2).sum(axis=0) / np.maximum(run.used.sum(axis=0), 1))
+    out = np.zeros(len(factors))
+    for row in np.flatnonzero(run.used.any(axis=0)):
+        x = run.normalised[run.used[:, row], row] ** 2
+        out[row] = factors[row] * np.sqrt(np.minimum(x, np.quantile(x, 0.99)).mean())
+    return out
 
 
-def with_levels(found: Fitted) -> Fitted:
-    """Return a first fit with the noise level of every channel fitted, too.
+def with_levels(found: Fitted, given: Point | None = None) -> Fitted:
+    """Return a first fit with the noise level of every channel fitted, too; ``given`` is where it began.
 
     Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
     means anything: levels are then those of the misfit, over its slow frequencies, so that it weighs as much
     as noise that is as slow.
     """
     if normalised_rmse(found.fit.run) > MISFIT:
-        return but_for_one(found) or with_misfit(replace(found, misfit=True))
+        own = found.fit
+        alone = but_for_one(given or own.point, own.problem, own.unknowns, found.factors, own.run)
+        return alone or with_misfit(replace(found, misfit=True))
     return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
 
 
-def but_for_one(found: Fitted) -> Fitted | None:
-    """Return the fit of all components but the one that strays most, or all but its channel, where the rest
-    is followed; else nothing: what takes most of the error may be a cause of the motion.
+def but_for_one(
+    given: Point,
+    whole: Problem,
+    unknowns: Sequence[Unknown],
+    factors: np.ndarray,
+    strayed: FilterRun | None = None,
+) -> Fitted | None:
+    """Return the fit of all channels but one that strays by itself, where the others are followed; ``given``
+    is where it begins, ``factors`` (rows,) are levels of the noise, ``strayed`` is the run of a first fit.
 
-    That is a faulty sensor then, and its errors are seen as they are: fitted with it, the rest would
-    bend to it, and noise raised to its errors would hide what explains them. The rest has its own levels,
-    perhaps but for another one; what was left out is back, with its noise as stated.
+    That is a faulty sensor then: fitted with it, the rest would bend to it. The rest has its own levels,
+    perhaps but for another one; what was left out is back with the noise of what it is off by, so that
+    nothing follows it.
     """
-    whole = found.fit.problem
-    squares = np.where(found.fit.run.used, found.fit.run.normalised**2, 0.0)
-    means = squares.sum(axis=0) / np.maximum(found.fit.run.used.sum(axis=0), 1)
-    worst = int(np.argmax(means))
-    channel = next(b for b in whole.data.blocks if b.rows.start <= worst < b.rows.stop)
-    choices = (slice(worst, worst + 1), channel.rows)
-    rows = next((r for r in choices if squares[:, r].sum() > HALF * squares.sum()), None)
-    if rows is None:
-        return None
-    problem = with_unknown(whole, found.fit.run, (), whole.data.names[rows])
     try:
-        rest = fit(found.fit.point, found.fit.unknowns, problem, iterations=8)
-        if normalised_rmse(rest.run) > FOLLOWED:
+        lost = _suspect(given, whole, strayed)
+        if lost is None:
             return None
-        LOGGER.info("%s strays by itself", ", ".join(whole.data.names[rows]))
-        levels = with_levels(Fitted(rest, found.factors))
-        data = whole.data.scaled(levels.factors / found.factors)
-        again = evaluate(levels.fit.point, found.fit.unknowns, replace(whole, data=data))
-        return replace(levels, fit=again, alone=True)
+        problem = with_unknown(whole, lost.channel)
+        fitted = continued(first_fit(given, problem, unknowns).fit, iterations=8)
+        if normalised_rmse(fitted.run) > FOLLOWED:
+            return None
+        LOGGER.info("%s strays by itself", lost.channel)
+        levels = with_levels(Fitted(fitted, factors))
+        run, values = levels.fit.run, whole.data.values.copy()
+        seen = zip(run.predicted, run.states.q, strict=True)
+        turns = [(x, matrix(q[3:7]) if levels.fit.changes.model.free else None) for x, q in seen]
+        off = [whole.data.residual(k, *x)[lost.rows] for k, x in enumerate(turns)]
+        size = np.sqrt(np.nanmean(np.square(off), axis=0)) / whole.data.sigma[lost.rows]
+        own = levels.factors.copy()
+        own[lost.rows] = np.maximum(factors[lost.rows] * size, 1.0)
+        values[list(run.begins)] = problem.data.values[list(run.begins)]  # nor is its start read from it
+        data = replace(whole.data, values=values).scaled(own / factors)
+        again = evaluate(levels.fit.point, unknowns, replace(whole, data=data))
+        return replace(levels, fit=again, factors=own, misfit=True, alone=True)
     except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("not without %s either: %s", whole.data.names[rows], error)
+        LOGGER.info("no channel strays by itself: %s", error)
         return None
+
+
+def _suspect(given: Point, whole: Problem, strayed: FilterRun | None) -> ChannelSlice | None:
+    """Return the channel that contradicts the others, or else the one with most of the errors of a first fit.
+
+    Of a model that may err as much as it is driven, only sensors that contradict each other stray: without
+    which one do they least?
+    """
+    blocks, model = whole.data.blocks, given.model()
+    loose = loosened(model, at_point(given, whole), 1.0)
+
+    def left(problem: Problem) -> float:
+        try:
+            return float(np.sum(run_filter(model, problem).innovations ** 2))
+        except SimulationError:  # without its angles an arm is lost
+            return np.inf
+
+    if len(blocks) == 1:
+        return None
+    rest = [left(with_unknown(loose, b.channel)) for b in blocks]
+    if min(rest) < HALF * left(loose):
+        return blocks[int(np.argmin(rest))]
+    if strayed is None:
+        return None
+    squares = np.where(strayed.used, strayed.normalised**2, 0.0).sum(axis=0)
+    most = max(blocks, key=lambda b: squares[b.rows].sum())
+    return most if squares[most.rows].sum() > HALF * squares.sum() else None
 
 
 def refit_noise(found: Fitted, *, strong: bool = False) -> Fitted:
@@ -152,10 +194,8 @@ def but_for_a_structure(
         rest = _followed(last.point, unknowns, problem)
         if rest is None:
             continue
-        left = strays_by_row(rest.run, np.ones(stated.rows))
-        LOGGER.info("with %s unknown, up to %.3g times the noise is left", place, left.max())
-        if left.max() < THRESHOLDS.own_channel:
-            return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
+        LOGGER.info("followed to the noise with %s unknown", place)
+        return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
     return None
 
 
@@ -169,7 +209,7 @@ def unknown_structures(found: Fit, problem: Problem) -> Iterator[tuple[str, Prob
     for place, own_dofs in places.items():
         dofs = [*(range(6) if model.free else ()), *own_dofs]
         own = {b.channel for b in data.blocks if place in (b.sensor.appendage, b.sensor.name)}
-        yield place, with_unknown(problem, found.run, dofs, own, held=len(data.times))
+        yield place, with_unknown(problem, *own, run=found.run, dofs=dofs, held=len(data.times))
 
 
 def _exact(found: Fitted) -> Fitted | None:
@@ -180,7 +220,9 @@ def _exact(found: Fitted) -> Fitted | None:
 
 
 def _followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
-    """Return a fit to the noise as stated, or nothing where the model does not follow that far."""
+    """Return a fit to the noise as stated, or nothing where the model does not follow that far: where one
+    component alone is left far off, all would be known too well.
+    """
     try:
         found = fit(point, unknowns, problem, iterations=2)
         if normalised_rmse(found.run) > MISFIT:
@@ -189,7 +231,9 @@ def _followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fi
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("not to the noise: %s", error)
         return None
-    return found if normalised_rmse(found.run) <= FOLLOWED else None
+    left = strays_by_row(found.run, np.ones(problem.data.rows)).max()
+    LOGGER.info("to the noise as stated, up to %.3g times that is left", left)
+    return found if left < THRESHOLDS.own_channel and normalised_rmse(found.run) <= FOLLOWED else None
 
 
 def _with_noise(found: Fitted) -> Fitted:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -338,7 +338,7 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
     tests = []
     for i in np.argsort(-doubt)[:DOUBTED]:
         name, dof = inputs[i].name, index[i]
-        problem = with_unknown(found.problem, found.run, [dof])
+        problem = with_unknown(found.problem, run=found.run, dofs=[dof])
         try:
             noisy = fit(found.point, found.unknowns, problem, iterations=4, enough=NEAR)
         except (SmsidError, np.linalg.LinAlgError) as error:
@@ -350,20 +350,23 @@ def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
 
 
 def with_unknown(
-    problem: Problem, run: FilterRun, dofs: Sequence[int], lost: Collection[str] = (), *, held: int = 1
+    problem: Problem, *lost: str, run: FilterRun | None = None, dofs: Sequence[int] = (), held: int = 1
 ) -> Problem:
-    """Return a problem with noise on inputs that hides what a run tells of them (`LOUD`), and without the
-    readings of channels or components ``lost``.
+    """Return a problem without the readings of channels or components ``lost``, and with noise on the inputs
+    ``dofs`` that hides what a run tells of them (`LOUD`).
 
     Noise is white: of an input that is wrong in one way for so many samples, ``held``, more is needed.
     """
-    data, (_, known) = problem.data, disturbances(run)
-    loud = tuple((d, float(np.sqrt(held * LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
+    data, noise = problem.data, problem.noise
+    if run is not None:
+        _, known = disturbances(run)
+        loud = tuple((d, float(np.sqrt(held * LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
+        noise = replace(noise, more=(*noise.more, *loud))
     out = np.zeros(data.values.shape, dtype=bool)
     for block in data.blocks:
         out[:, block.rows] = [block.channel in lost or name in lost for name in block.names]
-    out[list(run.begins)] = False  # where the filter begins is read from there
-    noise = replace(problem.noise, more=(*problem.noise.more, *loud))
+        if not block.quantity.endswith(("rate", "velocity")):  # where the filter begins is read from there
+            out[[p.first for p in problem.parts] or [0], block.rows] = False
     return replace(problem, data=data.without(out), noise=noise)
 
 

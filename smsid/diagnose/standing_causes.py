@@ -73,7 +73,7 @@ def _rest_unknown(found: Search) -> tuple[Fit, dict[str, str]] | None:
         lost[worst.where] = worst.location
         try:
             dofs = sorted({dof for e in equations_of(found.last) if e.name in lost for dof in e.v})
-            problem = with_unknown(found.last.problem, found.last.run, dofs, lost)
+            problem = with_unknown(found.last.problem, *lost, run=found.last.run, dofs=dofs)
             fitted = fit(found.last.point, found.last.unknowns, problem, iterations=4, enough=NEAR)
             here = replace(found, last=fitted, blocks=tuple(adequacy(fitted)))
         except (SmsidError, np.linalg.LinAlgError) as error:

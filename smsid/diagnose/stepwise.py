@@ -16,6 +16,7 @@ from smsid.diagnose.model_comparison import Cause, DetectionThresholds, with_fur
 from smsid.diagnose.noise_covariance import (
     FOLLOWED,
     Fitted,
+    but_for_one,
     first_fit,
     normalised_rmse,
     strays_by_row,
@@ -40,6 +41,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
+PRUNING = "leaving out needless causes"  # as a step that failed is called
 
 
 @short_repr
@@ -111,8 +113,10 @@ def search(
     clock.append(time.process_time())
     _look(state)
     unknown = state.fitted.unknown
-    if unknown and state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
-        _look(state)
+    if unknown:  # afterwards misfit counts, and what was proven before it did is not judged again
+        state.guarded(PRUNING, state.prune)
+        if state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
+            _look(state)
     blocks = _reconsidered(state, coarse)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
@@ -153,10 +157,10 @@ def _begun(
     try:
         first = first_fit(point, problem, unknowns)
         strays = normalised_rmse(first.fit.run) > THRESHOLDS.strays
-        fitted = with_levels(first)
+        fitted = with_levels(first, point)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
-        lost = error
+        lost, fitted = error, but_for_one(point, problem, unknowns, np.ones(problem.data.rows))
     # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
     local = fitted is not None and strays and (fitted.alone or _is_local(fitted))
     if strays and not local:
@@ -199,7 +203,7 @@ def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTe
             state.take(larger)
             blocks = again
     if state.fitted.misfit or not _unexplained(state, blocks, coarse):  # else no cause is named anyway
-        left_out = state.guarded("leaving out needless causes", state.prune)
+        left_out = state.guarded(PRUNING, state.prune)
         blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
     return blocks
 

@@ -79,7 +79,7 @@ def coarse_cause(
     own = {u.name: found.point.value(u) - u.nominal for u in found.unknowns}
     away = [own[n] / s for n, s in zip(candidate.free, candidate.steps, strict=True)]
     score = replace(score, ratio=ratio, estimate=np.array(away))
-    return Coarse(nominal, found, Cause(score, (), ratio, tuple(u.name for u in unknowns)))
+    return Coarse(nominal, found, Cause(score, (), ratio))
 
 
 def _starts(

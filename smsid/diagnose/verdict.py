@@ -32,18 +32,17 @@ IN_PIECES = (
 ROUND = 0.02  # how near to a whole number a gain is told in words
 
 SEPARATE = {
-    frozenset(("viscous", "coulomb")): "move the joint at several rates, a slow one among them",
-    frozenset(("force, body", "force, inertial")): "turn the spacecraft: one turns with it, one does not",
-    frozenset(("torque, body", "torque, inertial")): "turn the spacecraft: one turns with it, one does not",
-    frozenset(("actuator", "sensor")): "command a step with the sensor at rest, then move with no command",
-    frozenset(("friction", "actuator")): "hold the joint against a torque, then move it at constant rate",
-    frozenset(
-        ("inertia", "actuator")
-    ): "repeat with another pose of the arm: inertia changes, a gain does not",
-    frozenset(
-        ("external", "sensor")
-    ): "coast without commands: a force moves the spacecraft, a bias does not",
-    frozenset(("external", "actuator")): "coast without commands, then repeat with other commands",
+    frozenset(pair): how
+    for *pair, how in (
+        ("viscous", "coulomb", "move the joint at several rates, a slow one among them"),
+        ("force, body", "force, inertial", "turn the spacecraft: one turns with it, one does not"),
+        ("torque, body", "torque, inertial", "turn the spacecraft: one turns with it, one does not"),
+        ("actuator", "sensor", "command a step with the sensor at rest, then move with no command"),
+        ("friction", "actuator", "hold the joint against a torque, then move it at constant rate"),
+        ("inertia", "actuator", "repeat with another pose of the arm: inertia changes, a gain does not"),
+        ("external", "sensor", "coast without commands: a force moves the spacecraft, a bias does not"),
+        ("external", "actuator", "coast without commands, then repeat with other commands"),
+    )
 }
 
 
@@ -195,7 +194,7 @@ def verdict(
     """
     left, words = found.left, _in_words(named)
     hints = named if hints is None else hints
-    doubted = next((d for d in (doubts(found, c) for c in named) if d), "")
+    doubted = next((d for d in map(impossible, named) if d), "")
     if doubted:
         what = f": what would ({_in_words(hints)}) is not believed" if hints else ""
         what += f", as {doubted}."
@@ -209,10 +208,7 @@ def verdict(
         beside = f"; beside it {left[0].where} still depends on {left[0].dependence}"
         return "unexplained", sentence + _parts(hints, standing, beside)
     if is_piecewise_drift(named):
-        sentence = (
-            f"The simulation does not explain the recording: {words}; that begins in turn, as the pieces"
-        )
-        return "unexplained", f"{sentence} of a drift do that no cause fits."
+        return "unexplained", IN_PIECES.format(words)
     if named:
         return "explained", f"The simulation lacks {words}."
     return "adequate", "The simulation explains the recording to its noise."
@@ -253,11 +249,14 @@ def _with_misfit(
     words = _in_words(named)
     worst = max(found.noise, key=lambda channel: found.noise[channel])
     rest = f"what is left is up to {found.noise[worst]:.3g} times the noise, in {worst}"
-    if words and found.followed >= THRESHOLDS.mostly and is_piecewise_drift(named):
+    mostly = bool(words) and found.followed >= THRESHOLDS.mostly
+    if mostly and is_piecewise_drift(named):
         return "unexplained", IN_PIECES.format(words)
-    if words and found.followed >= THRESHOLDS.mostly:
+    beside = next((x for x in (_own_channel_left(found, c) for c in named) if x), "")
+    if mostly and not beside:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
-    sentence = f"The simulation does not follow the recording: {rest}, and no cause fits it."
+    why = f"{beside}; {rest}" if mostly else f"{rest}, and no cause fits it"
+    sentence = f"The simulation does not follow the recording: {why}."
     return "unexplained", sentence + _parts(hints, standing)
 
 
@@ -296,11 +295,6 @@ def describe(cause: FoundCause) -> str:
 
 DRAGS = ("viscous", "quadratic", "cubic")
 OF_JOINTS = ("joint_position", "joint_velocity")
-
-
-def doubts(found: Search, cause: FoundCause) -> str:
-    """Return in words why a cause cannot stand as an explanation; empty where nothing speaks against it."""
-    return impossible(cause) or (_own_channel_left(found, cause) if found.misfit else "")
 
 
 def impossible(cause: FoundCause) -> str:

@@ -41,6 +41,7 @@ class MotorInertia(JointEffect):
     summary = "inertia of a motor's rotor, seen at its joint"
     aliases = ("body_error", "joint_friction")
     strength = ("inertia",)
+    strong = {"inertia": (0.3, 3.0)}  # [kg m^2]
     in_words = "the motor of {place} adds inertia that the description lacks"
     kind: Literal["motor_inertia"] = "motor_inertia"
     inertia: float = physical(

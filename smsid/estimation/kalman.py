@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import Applied, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs
+from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
 from smsid.estimation.problem import (
     Problem,
@@ -149,8 +150,9 @@ def first_state(model: SpacecraftModel, problem: Problem) -> tuple[np.ndarray, n
     data, pose = problem.data, None
     for block in data.blocks:
         first = data.values[0, block.rows]
-        if not np.isfinite(first).all():
+        if block.quantity == "acceleration" or not np.isfinite(first).all():
             continue
+        first = np.linalg.solve(block.gain, first - block.bias)
         if block.quantity == "joint_position":
             q = set_group_angles(model.pin, model.arm_joints, q, first)
         elif block.quantity == "joint_velocity":
@@ -177,6 +179,12 @@ def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
     sigma[model.arm_joints.v], sigma[nv + model.arm_joints.v] = 0.01, 0.01
     sigma[model.wheels.v], sigma[nv + model.wheels.v] = 1e-3, 1.0
     known = (np.arange(6 if model.free else 0), model.arm_joints.v, model.wheels.v)
+    wide, bus = InitialPrior(), slice(nv + 3, nv + 6 if model.free else nv + 3)
+    rates = {"angular_rate": (bus, wide.rate), "joint_velocity": (nv + model.arm_joints.v, wide.joint_rate),
+             "wheel_rate": (nv + model.wheels.v, wide.wheel_rate)}  # fmt: skip
+    for b in problem.data.blocks:
+        if b.quantity in rates and not np.isfinite(problem.data.values[0, b.rows]).all():
+            sigma[rates[b.quantity][0]] = rates[b.quantity][1]  # at rest for want of a reading
     index = np.setdiff1d(np.arange(nv), np.concatenate(known))  # slosh, modes, and whatever else effects add
     sigma[index], sigma[nv + index] = problem.noise.hidden
     sigma[problem.locked], sigma[nv + problem.locked] = 1e-3, 1e-9

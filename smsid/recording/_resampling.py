@@ -53,7 +53,10 @@ def new_times(recording: Recording, rate_or_times: float | ArrayLike) -> FloatAr
 
 
 def interpolated(recording: Recording, times: FloatArray) -> dict[str, FloatArray]:
-    """Interpolate every channel at ``times`` (M,) [s], or raise `RecordingError`."""
+    """Interpolate every channel at ``times`` (M,) [s], or raise `RecordingError`.
+
+    Commands that step are held, as a computer holds them: a valve is open or shut, never half.
+    """
     _checks.check_finite(recording)
     _checks.check_quaternions(recording)
     for clock, own in recording.times().items():
@@ -63,9 +66,18 @@ def interpolated(recording: Recording, times: FloatArray) -> dict[str, FloatArra
         own, values = recording.time(name), recording[name]
         if quantity_of(name, unit=recording.unit(name)).is_quaternion:
             channels[name] = slerp(own, values, times)
+        elif name.startswith("command.") and own.size > 1 and switches(values):
+            channels[name] = values[np.searchsorted(own, times + 1e-9 * np.median(np.diff(own)), "right") - 1]
         else:
             channels[name] = linear(own, values, times)
     return channels
+
+
+def switches(values: FloatArray) -> bool:
+    """Whether a command (N, ...) stays as it is at most samples where it is not zero."""
+    flat = values.reshape(len(values), -1)
+    moves, acts = np.diff(flat, axis=0) != 0.0, flat[1:] != 0.0
+    return bool(np.any(acts) and np.sum(moves & acts) < 0.5 * np.sum(acts))
 
 
 def linear(t: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:

@@ -370,6 +370,13 @@ class _Import:
                 self._clocks[key] = table.start + np.arange(samples) / table.rate
             else:
                 assert table.column is not None and table.unit is not None
+                if (own := self.columns.units.get(table.column)) == "s" and table.unit != "s":
+                    raise RecordingError(
+                        f"{self.file}, {where}: '{table.column}' is in {own}, as dates are read or the file "
+                        f"says, not in {table.unit}.",
+                        advice="State unit = 's'.",
+                        column=table.column,
+                    )
                 times = np.squeeze(self._numbers(table.column, where))
                 if times.ndim != 1:
                     raise RecordingError(

@@ -31,9 +31,9 @@ def compare_report(found: Comparison, origin: Provenance) -> Report:
 
 def _numbers(finding: Finding) -> Table:
     rows = [
-        cells(
-            q.name, (q.value, 5), (1.96 * q.sigma, 2), q.unit, "" if q.told else Cell("not told", tone="warn")
-        )
+        cells(q.name, (q.value, 5), (1.96 * q.sigma, 2), q.unit, "")
+        if q.told
+        else cells(q.name, "", "", q.unit, Cell("not told", tone="warn"))
         for q in finding.quantities
     ]
     return Table(finding.subject or "numbers", ("quantity", "#value", "#± 95 %", "unit", ""), rows)

@@ -11,7 +11,7 @@ from scipy.stats import kstest
 from smsid.comparison import compare, load_comparison, save_comparison
 from smsid.effects import BodyError
 from smsid.errors import SmsidError
-from smsid.identify.estimate import Estimate
+from smsid.identify.estimate import Estimate, classify
 
 from .estimates import craft, estimate, grasped
 
@@ -168,3 +168,23 @@ def test_a_comparison_comes_back_from_its_file(tmp_path):
 def test_estimates_that_share_a_recording_are_said_not_to_be_independent():
     a = estimate(craft(), np.random.default_rng(9), noise=NOISE, name="one")
     assert any("not independent" in n for n in compare(a, a).notes)
+
+
+def test_a_rotor_in_a_sum_hides_no_link():
+    """1.5 kg on the outer link change the sum that the inner link's joint tells, rotor included: nothing but
+    the body grasped has changed.
+    """
+    mass, at = 1.5, 0.4
+    rows = (  # name, unit, before, what the body adds
+        ("slide.m", "kg", 3.4, mass),
+        ("slide.mx", "kg m", 0.54, mass * at),
+        ("swing.Iyy + slide.Iyy + rotor_luff.inertia", "kg m^2", 1.16, mass * at**2),
+        ("swing.mx", "kg m", 2.0, 0.0),
+    )
+    pair = []
+    for share in (0.0, 1.0):
+        own = [classify(n, x + share * more, u, 0.002, "arm", nominal=x) for n, u, x, more in rows]
+        pair.append(Estimate("arm", "filter", tuple(own), covariance=0.002**2 * np.eye(len(rows))))
+    found = compare(*pair)
+    assert [(f.kind, f.subject) for f in found.findings] == [("body_grasped", "slide")]
+    assert abs(found.findings[0]["mass"].value - mass) < 0.01

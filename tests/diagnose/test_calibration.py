@@ -9,7 +9,7 @@ from scipy.stats import chi2, norm
 
 from smsid.diagnose import change_time_posterior, verdict
 from smsid.diagnose import specification_tests as blocks
-from smsid.diagnose.backward_elimination import eliminate_backward
+from smsid.diagnose.exchange_step import eliminate_backward
 from smsid.diagnose.model_comparison import DetectionThresholds, accept, is_distinguishable, simplest_law
 from smsid.diagnose.score_test import Candidate, Score, correlation, least_squares
 from smsid.diagnose.specification_tests import SpecificationTest, adequacy, whiteness
@@ -88,9 +88,9 @@ def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypa
     def wald(found, candidate, *, held=False, strength=False):
         return 12.0 if candidate.location == "joint1" else 50.0
 
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.wald", wald)
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.evaluate", lambda *_: fitted(1.0))
-    monkeypatch.setattr("smsid.diagnose.backward_elimination.refit", lambda *_: fitted(1.0))
+    monkeypatch.setattr("smsid.diagnose.exchange_step.wald", wald)
+    monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
+    monkeypatch.setattr("smsid.diagnose.exchange_step.fit", lambda *_, **options: fitted(1.0))
     causes = [cause("joint1"), cause("joint2")]
     for tried, kept in ((1, 2), (60, 1)):
         assert (

@@ -8,7 +8,6 @@ import pytest
 
 from smsid.diagnose import change_point as onset
 from smsid.diagnose.change_point import (
-    always,
     always_together,
     best_onsets,
     cut_score,
@@ -160,7 +159,7 @@ def test_an_onset_that_does_not_pay_is_dropped(fitted):
     late = replace(own.candidate, effect=own.candidate.effect.model_copy(update={"start": 0.5}))
     point = found.point.with_effect(late.effect)
     with_it = evaluate(point, found.unknowns, found.problem)
-    score, fit = always(with_it, replace(own, candidate=late), ALIAS)
+    (score,), fit = always_together(with_it, [replace(own, candidate=late)], ALIAS)
     assert score.candidate.effect.start is None
     assert fit.point.description.get_effect(late.effect.name).start is None
 
@@ -185,9 +184,9 @@ def test_two_onsets_that_hold_each_other_up_are_dropped_together(fitted, monkeyp
         return here if none_late(point) else replace(here, objective=here.objective + 1e4)
 
     monkeypatch.setattr(onset, "evaluate", evaluated)
-    alone, kept = always(with_them, late[0], ALIAS)
+    (alone,), kept = always_together(with_them, late[:1], ALIAS)
     assert alone is late[0] and kept is with_them
-    causes = [Cause(s, (), 100.0, ()) for s in late]
+    causes = [Cause(s, (), 100.0) for s in late]
     kept_causes, _ = drop_onset(causes, with_them, DetectionThresholds())
     assert all(c.score.candidate.effect.start is None for c in kept_causes)
     both, dropped = always_together(with_them, late, ALIAS)
@@ -200,16 +199,13 @@ def test_an_onset_that_pays_stays_beside_one_that_does_not(monkeypatch):
 
     def stand_in(start):
         own = SimpleNamespace(key=("effect", start), effect=SimpleNamespace(start=start), start=start)
-        return Cause(SimpleNamespace(candidate=own), (), 100.0, ())
+        return Cause(SimpleNamespace(candidate=own), (), 100.0)
 
-    def drop(found, score, alias):
-        return (score, found) if score.candidate.start == 5.0 else (stand_in(None).score, "without")
+    def drop(found, scores, alias):
+        (score,) = scores  # one is left then: there is nothing to drop together
+        return (scores, found) if score.candidate.start == 5.0 else ([stand_in(None).score], "without")
 
-    def never(*_):
-        raise AssertionError("one is left: there is nothing to drop together")
-
-    monkeypatch.setattr("smsid.diagnose.forward_step.always", drop)
-    monkeypatch.setattr("smsid.diagnose.forward_step.always_together", never)
+    monkeypatch.setattr("smsid.diagnose.forward_step.always_together", drop)
     causes, found = drop_onset([stand_in(5.0), stand_in(9.0)], "with", DetectionThresholds())
     assert [c.score.candidate.effect.start for c in causes] == [5.0, None] and found == "without"
 

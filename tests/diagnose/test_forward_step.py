@@ -85,7 +85,7 @@ def world(monkeypatch):
         asked.accepted.append(key)
         if key == VAIN:
             return None, asked.instead or current
-        return Cause(best, (), 30.0, ()), at(f"with {key[1]}")
+        return Cause(best, (), 30.0), at(f"with {key[1]}")
 
     def recompute_evidence(causes, last, nominal):
         asked.recompute_evidence.append(last.name)
@@ -110,7 +110,6 @@ def world(monkeypatch):
         "normalised_rmse": lambda *_: 1.0,
         "memory": lambda *_: (),
         "best_onsets": lambda *_: [],
-        "is_poor_fit": lambda fit: False,
         "refine_onset": lambda fit, score: (score, fit),
         "scan_onsets": lambda *_: {},
         "with_onset": lambda fit, score, alias, onsets: score,
@@ -295,7 +294,7 @@ def test_causes_that_share_an_effect_begin_together(known, plain):
     by_shape = {c.shape: c for c in tried if c.location == "joint2"}
     first, second = by_shape["coulomb"], by_shape["stribeck"]
     begun = replace(first, effect=first.effect.model_copy(update={"start": 3.0}))
-    causes = [Cause(score_of(c), (), 30.0, ()) for c in (begun, second)]
+    causes = [Cause(score_of(c), (), 30.0) for c in (begun, second)]
     for start in (3.0, 2.5, None):
         found = replace(
             plain, point=plain.point.with_effect(first.effect.model_copy(update={"start": start}))

@@ -119,7 +119,7 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
     start = Fitted(stopped, np.ones(stopped.problem.data.rows))
     monkeypatch.setattr("smsid.diagnose.forward_step.accept", accepted)
     monkeypatch.setattr("smsid.diagnose.stepwise.first_fit", lambda *_: start)
-    monkeypatch.setattr("smsid.diagnose.stepwise.with_levels", lambda found: found)
+    monkeypatch.setattr("smsid.diagnose.stepwise.with_levels", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.stepwise.coarse_cause", lambda *_: None)
     monkeypatch.setattr("smsid.diagnose.score_test.Score.p_value", 1e-9)
     other = replace(score.candidate, location="elsewhere")

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.noise_covariance import (
     Fitted,
@@ -17,6 +18,7 @@ from smsid.diagnose.noise_covariance import (
     refit_noise,
     with_levels,
 )
+from smsid.diagnose.specification_tests import with_unknown
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
@@ -71,20 +73,32 @@ def test_straying_is_in_stated_noise_whatever_the_levels_fitted():
     assert normalised_rmse(run, factors) == pytest.approx(3.0, rel=0.05)
 
 
-def test_a_sensor_that_jumps_far_is_no_misfit_of_the_model(known, problem):
-    """The parameters are those of the others, and the jump is left whole for a candidate to explain."""
-    data = problem.data
-    row = data.names.index("tachometer.wheel_rate[wheel_y]")
-    values = data.values.copy()
-    values[data.times > 3.0, row] += 3.0
-    unknowns = known.unknowns[:10]
-    found = with_levels(first_fit(known.point, replace(problem, data=replace(data, values=values)), unknowns))
-    sound = with_levels(first_fit(known.point, problem, unknowns))
-    assert not found.misfit
-    assert normalised_rmse(found.fit.run) > 100.0
+FAULTS = {
+    "a jump": ("tachometer.wheel_rate[wheel_y]", lambda t: 3.0 * (t > 3.0)),
+    "a rate that is off from the first sample": ("imu.angular_rate[y]", lambda t: 0.15 + 0.0 * t),
+    "an attitude that drifts": ("pose.attitude[z]", lambda t: 0.1 * t),
+}
+
+
+@pytest.mark.parametrize("what", list(FAULTS))
+def test_a_sensor_far_off_is_no_misfit_of_the_model(known, problem, what):
+    """The parameters are those of the others, and its own channel alone bears it."""
+    name, error = FAULTS[what]
+    data, unknowns = problem.data, known.unknowns[:10]
+    row = data.names.index(name)
+    values, attitude = data.values.copy(), dict(data.attitude)
+    values[:, row] += error(data.times)
+    if name.startswith("pose.attitude"):
+        turn = Rotation.from_rotvec(np.outer(error(data.times), [0.0, 0.0, 1.0]))
+        attitude["pose.attitude"] = (Rotation.from_quat(attitude["pose.attitude"]) * turn).as_quat()
+    off = replace(problem, data=replace(data, values=values, attitude=attitude))
+    found = with_levels(first_fit(known.point, off, unknowns), known.point)
+    sound = with_levels(first_fit(known.point, with_unknown(problem, name.partition("[")[0]), unknowns))
+    own = next(b.rows for b in data.blocks if b.rows.start <= row < b.rows.stop)
+    assert found.alone and found.factors[row] > 100.0
+    assert np.delete(found.factors, np.r_[own]).max() < 1.5
     for u in unknowns:
-        off = found.fit.point.value(u) - sound.fit.point.value(u)
-        assert abs(off) < 0.5 * sound.fit.sigma(u.name)
+        assert abs(found.fit.point.value(u) - sound.fit.point.value(u)) < 0.5 * sound.fit.sigma(u.name)
 
 
 def test_misfit_stays_in_the_channels_that_are_wrong(known, problem):
@@ -173,3 +187,18 @@ def test_what_is_wrong_elsewhere_is_not_laid_on_a_structure(known, problem, reco
     wrong = replace(problem, recording=recording.with_channels({"command.joint_torque": told}))
     strayed = evaluate(known.point, known.unknowns[:1], wrong)
     assert but_for_a_structure(Fitted(strayed, np.ones(problem.data.rows), misfit=True)) is None
+
+
+@pytest.mark.parametrize(("size", "misfit"), [(0.5, False), (8.0, True)])
+def test_misfit_is_counted_where_one_channel_alone_is_left_with_it(known, problem, size, misfit):
+    """Over all channels it is little; with the noise as stated, what bends to it would be told for sure."""
+    row, values = problem.data.names.index("imu.acceleration[y]"), problem.data.values.copy()
+    values[:, row] += size * problem.data.sigma[row] * np.sin(0.8 * problem.data.times)
+    slow = replace(problem, data=replace(problem.data, values=values))
+    first = evaluate(known.point, known.unknowns[:3], slow)
+    assert normalised_rmse(first.run) < 2.0
+    raised = np.full(problem.data.rows, 5.0)
+    before = evaluate(known.point, known.unknowns[:3], replace(slow, data=slow.data.scaled(raised)))
+    found = refit_noise(Fitted(before, raised, misfit=True, local=False), strong=True)
+    assert found.misfit == misfit
+    assert (found.factors[row] > 3.0) == misfit

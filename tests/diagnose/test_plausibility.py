@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from smsid.diagnose.result import FoundCause, Value
-from smsid.diagnose.verdict import describe, doubts, impossible, verdict
+from smsid.diagnose.verdict import describe, impossible, verdict
 
 
 def cause(effect, family, location, name, value, sigma=1e-3, unit="1", nominal=None):
@@ -57,8 +57,10 @@ def test_its_own_channel_is_explained(one, channel, stands):
     )
     last = SimpleNamespace(point=SimpleNamespace(base=groups))
     found = SimpleNamespace(left=(), misfit=True, followed=0.99, noise={channel: 20.0}, last=last)
-    assert (doubts(found, one) == "") is stands
-    assert (verdict(found, (one,))[0] == "explained") is stands
+    said, sentence = verdict(found, (one,))
+    assert (said == "explained") is stands
+    assert (f"{channel} is left at 20 times its noise" in sentence) is not stands
+    assert "is not believed" not in sentence, "nothing speaks against its value"
 
 
 def test_what_a_gain_means_is_said_and_no_sentence_has_a_nan():

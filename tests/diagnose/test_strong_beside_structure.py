@@ -27,7 +27,7 @@ def asked(monkeypatch):
         for place in ("tank", "panel"):
             yield place, SimpleNamespace(name=f"without {place}", data=problem.data)
 
-    def levels(found):
+    def levels(found, *_):
         asked.fitted = found
         return found
 
@@ -66,3 +66,25 @@ def test_what_is_not_followed_with_any_structure_unknown_is_refused(asked):
     with pytest.raises(RecordingError, match="worse than no motion"):
         begun()
     assert len(asked.seen) == 3
+
+
+def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch):
+    """A delay of nothing stayed beside a payload: what was proven is not judged where misfit counts."""
+    steps = []
+
+    class Searching:
+        fitted = SimpleNamespace(unknown="panel", misfit=True, alone=False, by_channel={}, factors=np.ones(1))
+        causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
+        current = nominal = SimpleNamespace(run=None)
+
+        def guarded(self, what, step):
+            return bool(step())
+
+        def __getattr__(self, name):
+            return lambda *_: steps.append(name) or name == "restore"
+
+    begun = {"_begun": Searching(), "adequacy": [], "band_tests": [], "normalised_rmse": 1.0}
+    for name, value in begun.items():
+        monkeypatch.setattr(stepwise, name, lambda *_, value=value: value)
+    stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ())
+    assert steps == ["forward_step", "close", "prune", "restore", "forward_step", "close", "prune"]

@@ -226,3 +226,15 @@ def test_a_telemetry_table_with_calendar_times_and_blank_cells_needs_no_map(tmp_
     assert found["log.angular_rate"].shape == (100, 3) and found.time("log")[-1] == pytest.approx(9.9)
     (volts,) = (name for name in found.channels if "volts" in name)
     assert found[volts].shape == (10,) and found.time(volts)[1] == pytest.approx(1.0)
+
+
+def test_dates_are_seconds_whatever_a_mapping_says(tmp_path):
+    rows = "".join(f"2026-11-27T01:00:{k // 10:02d}.{k % 10}00Z,{0.1 * k}\n" for k in range(60))
+    (tmp_path / "log.csv").write_text(f"UTC,x\n{rows}")
+    text = '[time]\ncolumn = "UTC"\nunit = "{}"\n[channel."extra.x"]\ncolumns = ["x"]\nunit = "1"\n'
+    (tmp_path / "s.toml").write_text(text.format("s"))
+    (tmp_path / "ms.toml").write_text(text.format("ms"))
+    found = import_recording(tmp_path / "log.csv", tmp_path / "s.toml")
+    assert np.ptp(found.time()) == pytest.approx(5.9)
+    with pytest.raises(RecordingError, match="is in s"):
+        import_recording(tmp_path / "log.csv", tmp_path / "ms.toml")

@@ -104,3 +104,17 @@ def test_clocks_without_common_time_are_refused():
 def test_a_rate_that_no_memory_holds_is_refused_with_the_count():
     with pytest.raises(RecordingError, match=r"1e\+300 Hz over 20 s are 2e\+301 samples"):
         recording().resampled(1e300)
+
+
+def test_a_valve_is_open_or_shut_at_any_rate():
+    """What is on or off stays so between samples; a torque that varies is interpolated as readings are."""
+    times = 0.1 * np.arange(101)
+    valve = (np.sin(2 * np.pi * 0.3 * times) > 0.4).astype(float)[:, None]
+    torque = np.sin(times)[:, None] * np.ones(3)
+    recording = Recording.from_arrays(times, {"command.thruster": valve, "command.wheel_torque": torque})
+    for rate in (7.0, 20.0):
+        found = recording.resampled(rate)
+        assert set(np.unique(found["command.thruster"])) == {0.0, 1.0}
+        held = valve[np.floor(found.time() / 0.1 + 1e-6).astype(int)]
+        assert np.array_equal(np.asarray(found["command.thruster"]).reshape(held.shape), held)
+        assert np.abs(np.asarray(found["command.wheel_torque"])[:, 0] - np.sin(found.time())).max() < 2e-3

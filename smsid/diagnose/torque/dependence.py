@@ -18,9 +18,6 @@ RIPPLE = range(3, 9)
 SIGN = 5e-3
 """Rate at which the sign of a rate turns over, that of `JointFriction` [rad/s]."""
 
-STAMPS = THRESHOLDS.stamps
-"""Share of a sampling interval below which no delay is claimed: stamps and samplers are not that exact."""
-
 DELAY = "a delay"
 
 CURVES = (5e-4, 2e-2)
@@ -95,7 +92,7 @@ def _beyond(found: TorqueFit, white: np.ndarray, curves: np.ndarray) -> np.ndarr
 def _short(found: TorqueFit, white: np.ndarray, basis: np.ndarray) -> bool:
     """Whether a delay is shorter than time stamps are to be believed: no cause would be made of it either."""
     delay = float(found.left @ basis[:, 0]) / float(white[:, 0] @ basis[:, 0])
-    return abs(delay) < STAMPS * found.equations.interval
+    return abs(delay) < THRESHOLDS.stamps * found.equations.interval
 
 
 def _terms(found: TorqueFit, j: int) -> Iterator[tuple[str, list[np.ndarray]]]:

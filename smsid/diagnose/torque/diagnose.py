@@ -24,10 +24,6 @@ from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 
-"""Instants below which nothing is said."""
-
-"""Share of the torque left with every cause in, above which the recording is not this arm's."""
-
 
 def torques_were_measured(description: Description, recording: Recording) -> bool:
     """Whether a recording is one of a welded arm whose torques were measured and not commanded."""

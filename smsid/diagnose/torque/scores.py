@@ -12,8 +12,6 @@ from smsid.diagnose.torque.candidates import TorqueCandidate
 from smsid.diagnose.torque.fit import TorqueFit
 from smsid.diagnose.torque.whitening import robust_p_value
 
-"""Share of a column's information that must be left beside what is fitted already."""
-
 ROUNDING = 1e-11
 FOLDS = 4
 SIMPLE = ("viscous", "coulomb", "motor inertia", "constant torque")

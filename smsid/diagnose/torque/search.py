@@ -12,7 +12,6 @@ from scipy.stats import f
 from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.candidates import TorqueCandidate, instance
-from smsid.diagnose.torque.dependence import STAMPS
 from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
 from smsid.diagnose.torque.fit import (
     Prior,
@@ -146,7 +145,7 @@ def _significant(s: TorqueScore, current: TorqueFit, tried: int) -> bool:
 
 def _unresolved(candidate: TorqueCandidate, x: np.ndarray, equations: TorqueEquations) -> bool:
     """Whether a delay is shorter than time stamps are to be believed."""
-    return candidate.units == ("s",) and abs(float(x[0])) < STAMPS * equations.interval
+    return candidate.units == ("s",) and abs(float(x[0])) < THRESHOLDS.stamps * equations.interval
 
 
 def _beside_all(
