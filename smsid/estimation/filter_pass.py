@@ -350,7 +350,10 @@ def run_plain(
 def carry_trends(
     p: np.ndarray, change: np.ndarray, first: int, trends: np.ndarray, steep: np.ndarray, h: float
 ) -> None:
-    """Do what `smsid.kernel.covariance.carry_trends` does."""
+    """Do what `smsid.kernel.covariance.carry_trends` does to covariance p and transition ``change`` (x, x).
+
+    ``trends`` (k, 2) and ``steep`` (k,) are as in `smsid.kernel.filter_arrays.Parameters`.
+    """
     move = np.eye(len(p))
     move[first + trends[:, 0], first + trends[:, 1]] = h * steep
     change[first + trends[:, 0], first + trends[:, 1]] = h * steep

@@ -47,7 +47,7 @@ class Course:
             self.legs.append(Leg([(-np.inf, f.at.values)], np.zeros(2 * f.nv)))
 
     def enter(self, f: ParameterFilter, passed: tuple[np.ndarray, ...]) -> None:
-        """Take note of what is filtered next, as `ParameterFilter.go_on` takes it."""
+        """Take note of what is filtered next: edges (n,) and the rest, as `ParameterFilter.go_on` takes it."""
 
     def look(self, f: ParameterFilter, first: float) -> tuple[float, bool]:
         """Build models anew where parameters have moved; return when to look again, and whether they were.
@@ -68,8 +68,8 @@ class Course:
     def jumped(
         self, f: ParameterFilter, number: int, onset: float, index: np.ndarray, size: np.ndarray
     ) -> None:
-        """Take note of a change by its number, the last time it is measured: models are where they are now
-        from its onset [s] on.
+        """Take note of a change by its number, the last time it is measured: parameters ``index`` (k,) jumped
+        by ``size`` (k,), and models are where they are now from its onset [s] on.
         """
         if self.kept and self.legs:
             leg = self.legs[-1]

@@ -41,7 +41,7 @@ class Stretch:
 
     @classmethod
     def of(cls, size: int, shift: np.ndarray) -> Stretch:
-        """Return one that begins now."""
+        """Return one of a state (size,) that begins now, the run ``shift`` (size,) from what was believed."""
         return cls(np.eye(size), np.zeros(size), np.zeros((size, size)), shift)
 
     def through(self, record: Record, first: int, last: int) -> None:
@@ -104,7 +104,7 @@ class Retraced(Course):
         self._beginnings: list[tuple[np.ndarray, np.ndarray]] = []  # what was believed where legs begin
 
     def begun(self, f: ParameterFilter) -> None:
-        """Begin where the first run found that the motion began."""
+        """Begin where the first run found that the motion began; raises `RecordingError` for one too many."""
         self._leg += 1
         if self._leg >= len(self.legs):
             raise RecordingError("The motion begins more often than at first.", advice="Report this.")
