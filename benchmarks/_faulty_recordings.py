@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from _common import ROOT
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from smsid.arm import identify_arm, with_joint_effects
 from smsid.arm.identify import rigid_arm
@@ -22,7 +23,6 @@ from smsid.experiments import fly, named_experiment
 from smsid.identify.estimate import Estimate
 from smsid.model import build_model
 from smsid.recording import Recording
-from smsid.recording._attitude import multiply
 
 FloatArray = NDArray[np.float64]
 JOINTS = ("joint1", "joint2", "joint3")
@@ -77,9 +77,9 @@ def satellite(seed: int) -> Recording:
         turn = 0.5 * (rate[k] + rate[k + 1]) * 0.05
         half = 0.5 * float(np.linalg.norm(turn))
         step = np.append(0.5 * turn * np.sinc(half / np.pi), np.cos(half))
-        q[k + 1] = multiply(q[k], step)
+        q[k + 1] = (Rotation.from_quat(q[k]) * Rotation.from_quat(step)).as_quat()
     small = np.column_stack([0.5 * 3e-5 * rng.standard_normal((t.size, 3)), np.ones(t.size)])
-    q = multiply(q, small)
+    q = (Rotation.from_quat(q) * Rotation.from_quat(small)).as_quat()
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     return Recording.from_arrays(
         t,

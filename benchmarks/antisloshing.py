@@ -19,7 +19,7 @@ from _common import environment, write_result
 
 from smsid.datasets import antisloshing
 from smsid.lab import compare_tank_models, cylinder_slosh, tank_test
-from smsid.lab.tank_diagnosis import tank_diagnosis
+from smsid.lab.tank_models import tank_diagnosis
 from smsid.model import build_model
 
 RADIUS, FILL = 0.049, 0.080  # [m]

@@ -29,7 +29,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.flight import FlightOptions
 from smsid.estimation.identify_flights import FlightEstimate, identify_flights
 from smsid.estimation.initial_state import InitialPrior
-from smsid.identify.combination_name import parse_combination
+from smsid.identify.parameter_estimate import parse_combination
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 from smsid.sensing.error_model import ErrorModel

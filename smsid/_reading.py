@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import os
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from smsid.errors import SmsidError
+
+SCHEMA_VERSION = 1  # of every JSON document
 
 
 def read_text(path: str | os.PathLike[str], error: type[SmsidError] = SmsidError) -> str:
@@ -59,6 +63,35 @@ def read_json(path: str | os.PathLike[str], error: type[SmsidError] = SmsidError
     except (ValueError, RecursionError) as cause:
         raise error(
             f"'{path}' is not valid JSON: {_reason(cause)}.", advice="Is it cut short, or another file?"
+        ) from cause
+
+
+@contextmanager
+def reading_document(
+    path: str | os.PathLike[str], kind: str, command: str, error: type[SmsidError] = SmsidError
+) -> Iterator[dict[str, Any]]:
+    """Give the document of a JSON file that ``smsid <command>`` wrote; what the block lacks in it is told.
+
+    Raises:
+        SmsidError: of the kind ``error``: as `read_json`, another kind of document or schema, or not whole.
+    """
+    if not Path(path).is_file():
+        raise error(f"The file '{path}' does not exist.", advice=f"Run `smsid {command}` to make it.")
+    document = read_json(path, error)
+    named = kind.replace("_", " ")
+    try:
+        found = document.get("kind") if isinstance(document, dict) else None
+        if found != kind or document.get("schema") != SCHEMA_VERSION:
+            other = f"; it is a {found}".replace("_", " ") if found not in (kind, None) else ""
+            raise error(
+                f"'{path}' is no {named} of schema {SCHEMA_VERSION}{other}.",
+                advice="Was it made by another version?",
+            )
+        yield document
+    except (ValueError, KeyError, TypeError, AttributeError) as cause:
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise error(
+            f"'{path}' cannot be read as {article} {named}: {cause}.", advice="Is it cut short?"
         ) from cause
 
 

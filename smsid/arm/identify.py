@@ -15,7 +15,6 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates, effect_columns
 from smsid.arm.comparison import JudgedArm, TorqueComparison
-from smsid.arm.delay import IN_STEP, AngleDelay, delay_note, torque_means
 from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
 from smsid.arm.level import SHOWN, Level, with_gravity
@@ -23,7 +22,7 @@ from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression
 from smsid.arm.setup import with_held_joints
 from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
-from smsid.arm.solve import settled_load, solve_equations
+from smsid.arm.solve import IN_STEP, AngleDelay, delay_note, settled_load, solve_equations, torque_means
 from smsid.description import Description
 from smsid.effects import Effect
 from smsid.effects.assembly import Assembly
@@ -154,7 +153,9 @@ def identify_arm(
     count = len(base)
     solved = replace(whole, x=whole.x[:count], covariance=whole.covariance[:count, :count])
     parameters = _parameters(model, base, solved, torques.names, torques.units)
-    found, notes = identified_effects(description, base, solved, torques.names)
+    # a parameter that only enters in combination keeps its value; the rest of that belongs to the links
+    alone = zip(base.independent.tolist(), solved.x, strict=True)
+    found, notes = with_values_in_bounds(description, {torques.names[i]: float(x) for i, x in alone})
     if tilt and level:
         sigmas = whole.sigma[count:]
         own = [
@@ -302,18 +303,6 @@ def padded_covariance(covariance: np.ndarray, size: int) -> np.ndarray:
     out = np.full((size, size), np.nan)
     out[: len(covariance), : len(covariance)] = covariance
     return out
-
-
-def identified_effects(
-    description: Description, base: BaseParameters, solved: JointRegression, names: tuple[str, ...]
-) -> tuple[Description, list[str]]:
-    """Return the description with its effects at the identified values, and notes on those at a bound.
-
-    A parameter that only enters in combination keeps its value, and the rest of the combination belongs to
-    the links.
-    """
-    found = {names[i]: float(x) for i, x in zip(base.independent.tolist(), solved.x, strict=True)}
-    return with_values_in_bounds(description, found)
 
 
 def with_values_in_bounds(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from math import factorial
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -356,17 +357,10 @@ class _Rows:
 
 @cache
 def _cardinal(degree: int) -> np.ndarray:
-    """Coefficients (degree + 1 powers, degree + 1 splines) of the B-splines between two integer knots.
-
-    Source: de Boor (1978), *A Practical Guide to Splines*, chapter X, for the recurrence.
-    """
-    out = np.ones((1, 1))
-    for d in range(1, degree + 1):
-        before, out = out, np.zeros((d + 1, d + 1))
-        for k in range(d):
-            out[:, k] += polynomial.polymul([k + 1.0, -1.0], before[:, k]) / d
-            out[:, k + 1] += polynomial.polymul([d - k - 1.0, 1.0], before[:, k]) / d
-    return out
+    """Coefficients (degree + 1 powers, degree + 1 splines) of the B-splines between two integer knots."""
+    element = BSpline.basis_element(np.arange(degree + 2.0))
+    starts = np.arange(degree, -1.0, -1.0)
+    return np.array([element(starts, nu=k) / factorial(k) for k in range(degree + 1)])
 
 
 def _local(coefficients: np.ndarray, polynomials: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from smsid.campaign.vary import Generators, Variation, matching_names
 from smsid.description.robots import robot_urdf
 from smsid.description.schema import Arm, Description
 from smsid.description.urdf_check import read_urdf
+from smsid.description.urdf_writing import INERTIA
 from smsid.errors import ExperimentError
 
 
@@ -141,8 +142,7 @@ def _draw_link(link: ElementTree.Element, relative: float, rng: np.random.Genera
     tag = link.find("inertial/inertia")
     if inertial is None or mass_tag is None or tag is None:
         return
-    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    xx, xy, xz, yy, yz, zz = (float(tag.get(k, "0")) for k in keys)
+    xx, xy, xz, yy, yz, zz = (float(tag.get(k, "0")) for k in INERTIA)
     mass, centre, about = drawn_inertia(
         float(mass_tag.get("value", "0")), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), relative, rng
     )
@@ -154,8 +154,8 @@ def _draw_link(link: ElementTree.Element, relative: float, rng: np.random.Genera
     place = place + pin.rpy.rpyToMatrix(*turn) @ centre
     origin.set("xyz", " ".join(repr(float(x)) for x in place))
     mass_tag.set("value", repr(mass))
-    for key, (i, j) in zip(keys, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), strict=True):
-        tag.set(key, repr(float(about[i, j])))
+    for key, place in INERTIA.items():
+        tag.set(key, repr(float(about[place])))
 
 
 def _belongs(name: str, part: UrdfPart) -> bool:

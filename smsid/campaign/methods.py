@@ -22,43 +22,19 @@ Method = Callable[..., Findings]
 """Called as ``method(case, **options)`` with a `Case`; must be a pure function of ``case`` and options."""
 
 # References, not functions: workers import what they need, and `import smsid.campaign` stays light.
-_REGISTRY: dict[str, str] = {
-    "ml": "smsid.campaign.ml:run_ml",
-    "paper": "smsid.campaign.paper:run_paper",
-}
-
-
-def register(name: str, method: Method | str) -> None:
-    """Offer a method under a name; ``method`` is a function of a module, or ``module:function``.
-
-    Raises `ExperimentError` for a name that is taken, or a function that workers could not import.
-    """
-    reference = method if isinstance(method, str) else f"{method.__module__}:{method.__qualname__}"
-    if "<" in reference or reference.startswith("__main__:") or reference.count(":") != 1:
-        raise ExperimentError(
-            f"The method '{name}' ({reference}) cannot be imported by worker processes.",
-            advice="Define it at the top level of a module.",
-        )
-    if ":" in name or _REGISTRY.get(name, reference) != reference:
-        raise ExperimentError(f"The name '{name}' is not free for a method.", advice="Use another.")
-    _REGISTRY[name] = reference
-
-
-def known_methods() -> tuple[str, ...]:
-    """Return the names of the registered methods."""
-    return tuple(sorted(_REGISTRY))
+METHODS = {"ml": "smsid.campaign.ml:run_ml", "paper": "smsid.campaign.paper:run_paper"}
 
 
 def reference_of(name: str) -> str:
     """Return ``module:function`` of a method; raises `ExperimentError` for an unknown name."""
     if ":" in name:
         return name
-    if name not in _REGISTRY:
+    if name not in METHODS:
         raise ExperimentError(
-            f"There is no method '{name}'." + did_you_mean(name, list(_REGISTRY)),
-            advice=f"Registered: {', '.join(known_methods())}; or give `module:function` of your own.",
+            f"There is no method '{name}'." + did_you_mean(name, list(METHODS)),
+            advice=f"Known: {', '.join(METHODS)}; or give `module:function` of your own.",
         )
-    return _REGISTRY[name]
+    return METHODS[name]
 
 
 def import_method(reference: str, folder: Path) -> Method:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pinocchio as pin
+
 from smsid.campaign.case import Case
 from smsid.campaign.outcome import Findings, Outcome
-from smsid.campaign.truth import true_values
+from smsid.effects.appendage import Appendage
+from smsid.identify.momentum_rows import carried_by_bus
 from smsid.identify.paper.hidden_states import Modal
-from smsid.identify.paper.pipeline import identify
+from smsid.identify.paper.momentum_regression import Regression
+from smsid.identify.paper.pipeline import Identification, identify
+from smsid.model import SpacecraftModel, build_model
+from smsid.model.regressor import Regressor
 
 
 def run_paper(case: Case, *, modal: Modal = "smoother") -> Findings:
@@ -21,3 +28,49 @@ def run_paper(case: Case, *, modal: Modal = "smoother") -> Findings:
         for p in found.estimate.parameters
     )
     return Findings(outcomes=outcomes, notes=found.estimate.notes)
+
+
+def true_values(case: Case, found: Identification) -> dict[str, float]:
+    """Return the true values by parameter name, in the units of the estimate.
+
+    Parameters without a truth of their own are left out: coupled frequencies, and Step B as printed, whose
+    parameters are products.
+    """
+    truth = build_model(case.truth)
+    out = {"total.mass": truth.mass}
+    for effect in case.truth.effect:
+        out.update({p.name: p.value for p in effect.parameters()})
+        panel = effect.as_appendage()
+        if panel is not None:
+            out.update(_appendage(panel, case))
+    if found.momentum is not None:
+        floating = [e for e in case.experiments if e.force is None]
+        if floating:
+            q = floating[0].start(truth)
+            centre = pin.centerOfMass(truth.pin, truth.data, q) - q[:3]
+            out.update({f"system_cm.{axis}": float(centre[k]) for k, axis in enumerate("xyz")})
+        step_a = _base(truth, found.momentum.a.moments, carried=False)
+        out.update({f"step A: {name}": value for name, value in step_a.items()})
+        out.update(_base(truth, found.momentum.b, carried=True))
+    return out
+
+
+def _appendage(effect: Appendage, case: Case) -> dict[str, float]:
+    out: dict[str, float] = {}
+    heavy = effect.mass_parameter()
+    if heavy.unit != "1" or effect == case.guess.get_effect(effect.name):  # a factor is relative to the guess
+        out[heavy.name] = heavy.value
+    for k, mode in enumerate(effect.described_modes(case.truth.effect), start=1):
+        out[f"{effect.name}.mode{k}.frequency"] = mode.frequency
+        out[f"{effect.name}.mode{k}.damping"] = mode.damping
+    return out
+
+
+def _base(truth: SpacecraftModel, found: Regression, *, carried: bool) -> dict[str, float]:
+    regressor = Regressor(truth)
+    theta = regressor.parameters + (carried_by_bus(truth, regressor) if carried else 0.0)
+    if not len(found.base):
+        return {}
+    chosen = np.array([regressor.names.index(n) for n in found.theta_names])
+    values = found.base.values(theta[chosen])
+    return dict(zip(found.base.names, map(float, values), strict=True))

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from smsid._explain import validated
+from smsid._reading import read_toml
 from smsid.campaign.vary import Variation
-from smsid.description.explain import explain_validation
-from smsid.description.files import read_toml
 from smsid.errors import ExperimentError
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -113,12 +113,4 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     """
     file = Path(path)
     tables = read_toml(file, ExperimentError)
-    if "folder" in tables:
-        raise ExperimentError(
-            f"'{file}' has the unknown key 'folder'.",
-            advice="Paths start at the folder of the file; remove it.",
-        )
-    try:
-        return Campaign.model_validate({**tables, "folder": file.resolve().parent})
-    except ValidationError as cause:
-        raise explain_validation(cause, file, ExperimentError, model=Campaign, tables=tables) from cause
+    return validated(Campaign, tables, f"'{file}'", ExperimentError, folder=file.resolve().parent)

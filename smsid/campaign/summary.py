@@ -8,17 +8,16 @@ import os
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
 from smsid._files import atomic_write
-from smsid._reading import read_json
+from smsid._reading import reading_document
 from smsid._short_repr import short_repr
 from smsid._statistics import NORMAL95
 from smsid.campaign.outcome import Outcome, RunRecord
-from smsid.errors import ExperimentError, SmsidError
+from smsid.errors import ExperimentError
 
 Band = tuple[float, float]
 
@@ -155,11 +154,7 @@ def save_summary(summary: Summary, path: str | os.PathLike[str]) -> None:
 
 def load_summary(path: str | os.PathLike[str]) -> Summary:
     """Load a summary; raises `SmsidError` for a file that is none."""
-    file = Path(path)
-    try:
-        document = read_json(file)
-        if not isinstance(document, dict) or document.get("kind") != "campaign_summary":
-            raise SmsidError(f"'{file}' is no summary of a campaign.", advice="Run `smsid campaign`.")
+    with reading_document(path, "campaign_summary", "campaign") as document:
         own = ParameterSummary.__dataclass_fields__
         tables = [{k: v for k, v in table.items() if k in own} for table in document["parameters"]]
         for table in tables:
@@ -172,10 +167,6 @@ def load_summary(path: str | os.PathLike[str]) -> Summary:
             level=document["level"],
             seconds=document["seconds"],
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SmsidError(
-            f"'{file}' cannot be read as a summary: {error}.", advice="Is it cut short?"
-        ) from error
 
 
 def coverage_band(runs: int, level: float, nominal: float = 0.95) -> Band:

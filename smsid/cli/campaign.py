@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def _summary_beside(output: Path) -> tuple[Path, ...]:
-    from smsid.campaign.main import summary_path
+    from smsid.campaign.run import summary_path
 
     return (summary_path(output),)
 
@@ -41,7 +41,7 @@ def campaign_command(
     show_all: ShowAll = False,
 ) -> Outcome:
     """Run a Monte Carlo campaign; interrupted in any way, the same command goes on where it stopped."""
-    from smsid.campaign.main import campaign_main, summary_path
+    from smsid.campaign.run import campaign_main, summary_path
     from smsid.campaign.store import read_store
     from smsid.campaign.table import summary_tables
     from smsid.cli.tables import cut_tables

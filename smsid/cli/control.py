@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from smsid.description import Description
-    from smsid.identify.estimate import Estimate
-
 
 RATE = 100.0  # [Hz] of a controller's calls
 
@@ -77,13 +74,20 @@ def control_command(
     described = load_description(description)
     found, files = read_estimate(estimate), [description, estimate]
     if study is not None:
+        from smsid._files import atomic_write
+        from smsid.paper.table4 import Variant
         from smsid.paper.table4_report import study_report
+        from smsid.paper.table4_study import fly_study
 
-        flown = _fly_study(described, found, draws, rate, crossover, integrated_gyro, output)
-        page = write_page(
+        how: dict[str, Any] = {"rate": Variant().rate if rate is None else rate, "crossover": crossover}
+        with working("flying") as tell:
+            flown = fly_study(described, found, draws, **how, integrated_gyro=integrated_gyro, tell=tell)
+        atomic_write(output, json.dumps(flown, indent=1, allow_nan=False) + "\n")
+        print_parts(study_parts(flown))
+        made = write_page(
             report, lambda o: study_report(flown, described.name, o), files, described, seed=seed
         )
-        return Outcome({"study": flown}, [output, *page])
+        return Outcome({"study": flown}, [output, *made])
     if found is None and uncertainty is None:
         raise ControlError(
             "Neither an estimate nor an uncertainty is given.",
@@ -107,29 +111,6 @@ def control_command(
     document = controller_document(made)
     print_parts(document_parts(document, everything=show_all))
     return Outcome({"controller": document}, [output, *page])
-
-
-def _fly_study(
-    described: Description,
-    found: Estimate | None,
-    draws: int,
-    rate: float | None,
-    crossover: float,
-    integrated_gyro: bool,
-    output: Path,
-) -> dict[str, Any]:
-    """Fly the paper's Table 4, write the document and print it."""
-    from smsid._files import atomic_write
-    from smsid.paper.table4 import Variant
-    from smsid.paper.table4_study import fly_study
-
-    own = Variant().rate if rate is None else rate
-    how: dict[str, Any] = {"rate": own, "crossover": crossover, "integrated_gyro": integrated_gyro}
-    with working("flying") as tell:
-        flown = fly_study(described, found, draws, **how, tell=tell)
-    atomic_write(output, json.dumps(flown, indent=1, allow_nan=False) + "\n")
-    print_parts(study_parts(flown))
-    return flown
 
 
 def study_parts(d: Mapping[str, Any], *, everything: bool = True) -> Iterator[RenderableType]:

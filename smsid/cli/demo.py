@@ -48,7 +48,7 @@ def demo_command(
     from smsid.diagnose import diagnose, save_diagnosis
     from smsid.identify.estimate import save_estimate
     from smsid.report.demo import Craft
-    from smsid.report.plain_words import plain_words
+    from smsid.report.diagnosis_tables import plain_words
 
     out = console()
     started = time.perf_counter()
@@ -220,7 +220,7 @@ def run_paper(folder: Path, seed: int) -> PaperRun:
     from smsid.model import build_model
     from smsid.paths import urdf_folder
     from smsid.recording import save_recording
-    from smsid.report.truth import TrueWorld, described_bodies
+    from smsid.report.demo import TrueWorld, described_bodies
 
     started = time.perf_counter()
     true = load_description(urdf_folder() / "paper_sms.toml")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from smsid._reading import read_json as read_any_json
+from smsid._reading import read_toml
 from smsid.errors import SmsidError
 from smsid.paths import bundled_craft, missing_craft_advice
 
@@ -96,9 +97,7 @@ def _kind_of_json(path: Path) -> str:
 
 
 def _kind_of_toml(path: Path) -> str:
-    from smsid.description.files import read_toml
-
-    table = read_toml(path, SmsidError)
+    table = read_toml(path)
     if "duration" in table:
         return "experiment"
     if "channel" in table or "clock" in table:

@@ -135,7 +135,7 @@ def tank(
         say(f"before the motion {quiet:.4g} N are left")
     written = [output]
     if diagnose is not None:
-        from smsid.lab.tank_diagnosis import tank_diagnosis
+        from smsid.lab.tank_models import tank_diagnosis
 
         written.append(write_diagnosis(tank_diagnosis(test, found, log.name), diagnose))
     written += write_page(report, lambda o: tank_report(log.name, test, found, o), [recording, arm])

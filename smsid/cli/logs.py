@@ -18,10 +18,15 @@ if TYPE_CHECKING:
     from smsid.recording import Recording
 
 MAPPING = 20  # lines of a drafted mapping that are printed
+Log = Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag, MCAP or PX4 ULog")]
+MoreFiles = Annotated[
+    list[Path] | None,
+    typer.Option(help="another file with columns of the same log on the same clock; once for each"),
+]
 
 
 def inspect_command(
-    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag, MCAP or PX4 ULog")],
+    file: Log,
     output: Annotated[
         Path | None, typer.Option("--map", help="write the drafted mapping to this TOML"), Writes((".toml",))
     ] = None,
@@ -35,10 +40,7 @@ def inspect_command(
         ),
     ] = None,
     cutoff: Annotated[float | None, typer.Option(min=1e-6, help="with --description: low-pass [Hz]")] = None,
-    also: Annotated[
-        list[Path] | None,
-        typer.Option(help="another file with columns of the same log on the same clock; once for each"),
-    ] = None,
+    also: MoreFiles = None,
     show_all: ShowAll = False,
 ) -> Outcome:
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
@@ -100,7 +102,7 @@ def inspect_command(
 
 
 def import_command(
-    file: Annotated[Path, typer.Argument(help="CSV, NPZ, MAT, HDF5, Parquet, ROS bag, MCAP or PX4 ULog")],
+    file: Log,
     mapping: Annotated[
         str,
         typer.Option(
@@ -116,10 +118,7 @@ def import_command(
             "--unchecked", help="bring gaps, missing samples and contradictions in as they are, untold"
         ),
     ] = False,
-    also: Annotated[
-        list[Path] | None,
-        typer.Option(help="another file with columns of the same log on the same clock; once for each"),
-    ] = None,
+    also: MoreFiles = None,
 ) -> Outcome:
     """Turn a log into a recording: a mapping file says which column is which channel, unit and frame."""
     from smsid.cli.show_parts import recording_document

@@ -4,9 +4,6 @@ from smsid.comparison.compare import compare
 from smsid.comparison.result import (
     Comparison,
     Finding,
-    NotComparable,
-    ParameterChange,
-    Quantity,
     load_comparison,
     save_comparison,
 )
@@ -14,9 +11,6 @@ from smsid.comparison.result import (
 __all__ = [
     "Comparison",
     "Finding",
-    "NotComparable",
-    "ParameterChange",
-    "Quantity",
     "compare",
     "load_comparison",
     "save_comparison",

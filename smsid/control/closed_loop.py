@@ -21,7 +21,7 @@ from smsid.control.gains import Gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.sensed import SensedState, measured_truth
-from smsid.control.trajectory import Motion, sampled_motion
+from smsid.control.trajectory import Motion
 from smsid.control.weights import in_band
 from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError
@@ -197,7 +197,7 @@ def tracking_of(
     actuators: Actuators,
 ) -> Tracking:
     """Return a run from ``time`` (N,) [s], states q (N, nq), v (N, nv) and generalised forces tau (N, nv)."""
-    wanted = sampled_motion(controller.reference, time)
+    wanted = controller.reference.sampled(time)
     position, rate = wanted[:, 0], wanted[:, 1]
     base, base_rate = attitude_errors(
         controller.coordinates, rotation_matrices(q[:, 3:7]), v[:, 3:6], position[:, :3], rate[:, :3]

@@ -12,7 +12,6 @@ from smsid.control.attitude import SMALLEST_COSINE
 from smsid.control.pd import Measured, ModelBasedController
 from smsid.control.sensed import SensedState
 from smsid.control.statespace import StateSpace
-from smsid.control.trajectory import sampled_motion
 from smsid.kernel.arrays import Kernel, tree_of
 from smsid.kernel.flight import COMMAND, FLOWN, Craft, Law, Path, Senses, fly
 from smsid.model.spacecraft import SpacecraftModel
@@ -82,7 +81,7 @@ class CompiledFlight:
             b,
             c,
             through,
-            sampled_motion(controller.reference, time[:-1]),
+            controller.reference.sampled(time[:-1]),
             SMALLEST_COSINE,
         )
         layout = actuators.layout

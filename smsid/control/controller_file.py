@@ -10,19 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from smsid._files import atomic_write
-from smsid._reading import read_json
+from smsid._reading import SCHEMA_VERSION, reading_document
 from smsid._version import __version__
 from smsid.control.design import Design
 from smsid.control.gains import Gains
-from smsid.control.reduced import ReducedDynamics
 from smsid.control.statespace import StateSpace
 from smsid.errors import ControlError
-from smsid.model.spacecraft import SpacecraftModel
-
-SCHEMA_VERSION = 1
 
 
 def controller_document(made: Design) -> dict[str, Any]:
@@ -104,38 +99,7 @@ def save_controller(made: Design, path: str | os.PathLike[str]) -> None:
 
 def load_controller(path: str | os.PathLike[str]) -> tuple[Gains, StateSpace]:
     """Return gains and H-infinity term of a saved design; raises `ControlError` naming what is wrong."""
-    file = Path(path)
-    if not file.is_file():
-        raise ControlError(f"The file '{file}' does not exist.", advice="Run `smsid control` to make it.")
-    try:
-        document = read_json(file, ControlError)
-        if document.get("kind") != "controller" or document.get("schema") != SCHEMA_VERSION:
-            raise ControlError(f"'{file}' is no controller of schema {SCHEMA_VERSION}.")
+    with reading_document(path, "controller", "control", ControlError) as document:
         found = Gains(np.array(document["K_P"]["value"]), np.array(document["K_D"]["value"]))
         a, b, c, d = (np.array(document["u_inf"][k]) for k in "abcd")
         return found, StateSpace(a, b, c, d)
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ControlError(
-            f"'{file}' cannot be read as a controller: {error}.", advice="Is it cut short?"
-        ) from error
-
-
-def load_dynamics(path: str | os.PathLike[str], model: SpacecraftModel) -> ReducedDynamics:
-    """Return the controller's model of a saved design, for the spacecraft it was designed for.
-
-    Raises `ControlError` when the file is none or its bodies are not the spacecraft's.
-    """
-    load_controller(path)
-    found = read_json(path, ControlError).get("model", {}).get("bodies", {})
-    exact = ReducedDynamics(model)
-    names = list(exact.pin.names)[1:]
-    if sorted(found) != sorted(names):
-        raise ControlError(
-            f"The controller of '{path}' knows the bodies {sorted(found)}, not {sorted(names)}.",
-            advice="Give the description it was designed for.",
-        )
-    inertias = []
-    for name, inertia in zip(names, list(exact.pin.inertias)[1:], strict=True):
-        theta = np.array(found[name])
-        inertias.append(pin.Inertia.FromDynamicParameters(theta) if theta[0] > 0.0 else inertia.copy())
-    return exact.with_inertias(inertias)

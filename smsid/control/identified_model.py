@@ -21,9 +21,9 @@ from smsid._short_repr import short_repr
 from smsid.control.reduced import ReducedDynamics
 from smsid.description.schema import Description
 from smsid.errors import ControlError
-from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate, ParameterEstimate
 from smsid.identify.momentum_rows import carried_matrix
+from smsid.identify.parameter_estimate import parse_combination
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prior import CAD

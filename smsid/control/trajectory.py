@@ -7,10 +7,9 @@ damping's decay from impulse to impulse.
 
 from __future__ import annotations
 
-import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -26,26 +25,34 @@ TRAVEL_SHARE = 0.9
 """Of a joint's room and rate that the motion of a design uses where these limit it."""
 
 
-class Motion(Protocol):
-    """A desired motion of ``size`` coordinates that rests after ``duration`` [s]."""
+class Motion:
+    """A desired motion of ``size`` coordinates that rests after ``duration`` [s].
+
+    Those of one's own give `at`, or `sampled` for many times at once.
+    """
 
     @property
     def size(self) -> int:
         """Number of coordinates."""
-        ...
+        raise NotImplementedError
 
     @property
     def duration(self) -> float:
         """When it rests [s]."""
-        ...
+        raise NotImplementedError
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, rate and acceleration (size,) at t [s]."""
-        ...
+        x, v, a = self.sampled(np.array([t]))[0]
+        return x, v, a
+
+    def sampled(self, times: np.ndarray) -> np.ndarray:
+        """Return position, rate and acceleration (N, 3, size) at times (N,) [s], as (46) asks."""
+        return np.array([self.at(float(t)) for t in times]).reshape(len(times), 3, self.size)
 
 
 @dataclass(frozen=True)
-class Piecewise:
+class Piecewise(Motion):
     """Polynomials between ``breaks`` (k + 1,) [s]: ``coefficients`` (k, order, size), lowest power first.
 
     Before the first break and after the last it rests where it was; at a break the later piece counts.
@@ -64,18 +71,6 @@ class Piecewise:
         """When it rests [s]."""
         return self.breaks[-1]
 
-    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return position, rate and acceleration (size,) at t [s]."""
-        if t >= self.breaks[-1]:
-            return (
-                self._of(len(self.breaks) - 2, self.breaks[-1])[0],
-                np.zeros(self.size),
-                np.zeros(self.size),
-            )
-        if t < self.breaks[0]:
-            return self._of(0, self.breaks[0])[0], np.zeros(self.size), np.zeros(self.size)
-        return self._of(bisect.bisect_right(self.breaks, t) - 1, t)
-
     def sampled(self, times: np.ndarray) -> np.ndarray:
         """Return position, rate and acceleration (N, 3, size) at times (N,) [s], as `at`."""
         inside = (times >= self.breaks[0]) & (times < self.breaks[-1])
@@ -88,15 +83,6 @@ class Piecewise:
             v = v * s + x
             x = x * s + self.coefficients[piece, power]
         return np.stack([x, v * inside[:, None], a * inside[:, None]], axis=1)
-
-    def _of(self, piece: int, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        s, c = t - self.breaks[piece], self.coefficients[piece]
-        x, v, a = c[-1].copy(), np.zeros(self.size), np.zeros(self.size)
-        for row in c[-2::-1]:
-            a = a * s + 2.0 * v
-            v = v * s + x
-            x = x * s + row
-        return x, v, a
 
 
 def trapezoid(
@@ -164,7 +150,7 @@ def minimum_jerk(
 
 
 @dataclass(frozen=True)
-class Shaped:
+class Shaped(Motion):
     """A motion convolved with the impulses of a shaper: the same way, later by the shaper's length."""
 
     motion: Motion
@@ -180,21 +166,14 @@ class Shaped:
         """When it rests [s]."""
         return self.motion.duration + float(self.shaper.times[-1])
 
-    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return position, rate and acceleration (size,) at t [s]."""
-        x, v, a = self.sampled(np.array([t]))[0]
-        return x, v, a
-
     def sampled(self, times: np.ndarray) -> np.ndarray:
         """Return position, rate and acceleration (N, 3, size) at times (N,) [s], as `at`."""
         pairs = zip(self.shaper.amplitudes.tolist(), self.shaper.times.tolist(), strict=True)
-        return np.sum(
-            [weight * sampled_motion(self.motion, times - later) for weight, later in pairs], axis=0
-        )
+        return np.sum([weight * self.motion.sampled(times - later) for weight, later in pairs], axis=0)
 
 
 @dataclass(frozen=True)
-class Reference:
+class Reference(Motion):
     """What the controller follows: roll, pitch, yaw of the base and the arm joints, (3 + n,).
 
     The base rests at ``attitude`` (3,) [rad] unless ``base`` moves it.
@@ -214,29 +193,14 @@ class Reference:
         """When it rests [s]."""
         return max(self.joints.duration, self.base.duration if self.base else 0.0)
 
-    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return position, rate and acceleration (3 + n,) at t [s]."""
-        zero = np.zeros(3)
-        base = (np.asarray(self.attitude), zero, zero) if self.base is None else self.base.at(t)
-        x, v, a = self.joints.at(t)
-        return np.concatenate([base[0], x]), np.concatenate([base[1], v]), np.concatenate([base[2], a])
-
     def sampled(self, times: np.ndarray) -> np.ndarray:
         """Return position, rate and acceleration (N, 3, 3 + n) at times (N,) [s], as `at`."""
         out = np.zeros((len(times), 3, self.size))
         out[:, 0, :3] = self.attitude
         if self.base is not None:
-            out[:, :, :3] = sampled_motion(self.base, times)
-        out[:, :, 3:] = sampled_motion(self.joints, times)
+            out[:, :, :3] = self.base.sampled(times)
+        out[:, :, 3:] = self.joints.sampled(times)
         return out
-
-
-def sampled_motion(motion: Motion, times: np.ndarray) -> np.ndarray:
-    """Return position, rate and acceleration (N, 3, size) at times (N,) [s], such as of (46)'s reference."""
-    sampled = getattr(motion, "sampled", None)
-    if sampled is not None:
-        return sampled(times)
-    return np.array([motion.at(float(t)) for t in times]).reshape(len(times), 3, motion.size)
 
 
 def design_motion(model: SpacecraftModel) -> Piecewise:
@@ -275,7 +239,7 @@ def check_joints(motion: Motion, model: SpacecraftModel) -> None:
             advice="Give one column per arm joint.",
         )
     times = np.linspace(0.0, motion.duration, 2000)
-    found = sampled_motion(motion, times)
+    found = motion.sampled(times)
     angles, rates = found[:, 0], found[:, 1]
     for k, name in enumerate(joints.names):
         bounded = model.pin.joints[int(joints.joints[k])].nq == 1

@@ -7,26 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
+from smsid._explain import validated
 from smsid._files import atomic_write, signed
-from smsid._reading import read_toml as _read_toml
+from smsid._reading import read_toml
 from smsid._xacro_arguments import given_arguments
-from smsid.description.explain import explain_validation
 from smsid.description.finite_elements import with_finite_elements
 from smsid.description.robot_sources import SUFFIXES, is_xacro
 from smsid.description.schema import Description
-from smsid.errors import DescriptionError, SmsidError
+from smsid.errors import DescriptionError
 from smsid.paths import bundled_craft, missing_craft_advice
-
-__all__ = ["explain_validation", "load_description", "read_toml", "save_description"]
-
-
-def read_toml(path: Path, error: type[SmsidError] = DescriptionError) -> dict[str, Any]:
-    """Return the tables of a TOML file; raises ``error`` naming the file and the line."""
-    if not path.is_file():
-        raise error(f"The file '{path}' does not exist.", advice="Check the path.")
-    return _read_toml(path, error)
 
 
 def load_description(path: str | os.PathLike[str]) -> Description:
@@ -46,17 +37,9 @@ def load_description(path: str | os.PathLike[str]) -> Description:
     if file.suffix in SUFFIXES:
         name = file.stem.removesuffix(".urdf")
         return _with_arguments(Description(name=name, urdf=file.name, folder=file.parent, meshes="optional"))
-    tables = read_toml(file)
-    if "folder" in tables:
-        raise DescriptionError(
-            f"'{file}' has the unknown key 'folder'.",
-            advice="Paths start at the folder of the file; remove it.",
-        )
-    tables = with_finite_elements(tables, file.parent)
-    try:
-        found = Description.model_validate({**tables, "folder": file.parent})
-    except ValidationError as cause:
-        raise explain_validation(cause, file, model=Description, tables=tables) from cause
+    tables = with_finite_elements(read_toml(file, DescriptionError), file.parent)
+    advice = "See docs/description.md for every key."
+    found = validated(Description, tables, f"'{file}'", DescriptionError, advice=advice, folder=file.parent)
     return _with_arguments(found)
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
+from smsid._explain import validated
 from smsid._reading import read_json
 from smsid.description.nastran_reading import NastranMode, read_f06, read_op2, read_punch, read_weights
 from smsid.effects.base import Vector3
@@ -60,14 +61,9 @@ def with_finite_elements(tables: Mapping[str, Any], folder: Path) -> dict[str, A
             found.append(effect)
             continue
         rest = {k: v for k, v in effect.items() if k != KEY}
-        try:
-            asked = FiniteElements.model_validate(effect[KEY])
-        except ValidationError as error:
-            reasons = "; ".join(f"'{'.'.join(map(str, e['loc']))}': {e['msg']}" for e in error.errors())
-            raise DescriptionError(
-                f"[[effect]] '{effect.get('name')}', {KEY}: {reasons}.",
-                advice='Write finite_elements = { file = "panel.f06", nodes = [7], damping = 0.005 }.',
-            ) from error
+        where = f"[[effect]] '{effect.get('name')}', {KEY},"
+        advice = 'Write finite_elements = { file = "panel.f06", nodes = [7], damping = 0.005 }.'
+        asked = validated(FiniteElements, effect[KEY], where, DescriptionError, advice=advice)
         found.append({**modal_data(folder / asked.file, asked), **rest})
     return {**tables, "effect": found}
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 import numpy as np
+import pinocchio as pin
 
 from smsid._listing import some_of
 from smsid.errors import DescriptionError
@@ -191,12 +192,7 @@ def _origin(tag: ElementTree.Element, place: str) -> tuple[np.ndarray, np.ndarra
     if origin is None:
         return np.zeros(3), np.eye(3)
     xyz = _vector(origin, "xyz", f"<origin> in {place}", "0 0 0")
-    roll, pitch, yaw = _vector(origin, "rpy", f"<origin> in {place}", "0 0 0")
-    (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
-    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    return xyz, about_z @ about_y @ about_x
+    return xyz, pin.rpy.rpyToMatrix(_vector(origin, "rpy", f"<origin> in {place}", "0 0 0"))
 
 
 def _vector(tag: ElementTree.Element, key: str, place: str, default: str) -> np.ndarray:

@@ -30,10 +30,7 @@ class UrdfTree:
         link = ElementTree.SubElement(self.root, "link", name=name)
         if centre is None or inertia is None or not (mass > 0.0 or np.any(inertia)):
             return
-        tag = ElementTree.SubElement(link, "inertial")
-        ElementTree.SubElement(tag, "origin", xyz=_text(centre), rpy="0 0 0")
-        ElementTree.SubElement(tag, "mass", value=repr(float(mass)))
-        ElementTree.SubElement(tag, "inertia", {k: repr(float(inertia[p])) for k, p in INERTIA.items()})
+        link.append(inertial_tag(mass, centre, inertia))
 
     def joint(
         self,
@@ -80,6 +77,15 @@ class UrdfTree:
         """Return the file."""
         ElementTree.indent(self.root, "  ")
         return ElementTree.tostring(self.root, encoding="utf-8")
+
+
+def inertial_tag(mass: float, centre: np.ndarray, inertia: np.ndarray) -> ElementTree.Element:
+    """Return the ``<inertial>`` of a mass [kg], its centre (3,) [m] and the inertia (3, 3) about that."""
+    tag = ElementTree.Element("inertial")
+    ElementTree.SubElement(tag, "origin", xyz=_text(centre), rpy="0 0 0")
+    ElementTree.SubElement(tag, "mass", value=repr(float(mass)))
+    ElementTree.SubElement(tag, "inertia", {k: repr(float(inertia[p])) for k, p in INERTIA.items()})
+    return tag
 
 
 def _text(values: Iterable[float]) -> str:

@@ -8,14 +8,14 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.design.forecast import exact_information
 from smsid.design.goal import CRITERIA, Criterion, Goal, needs_motion
 from smsid.design.limits import Limits, experiment_use
-from smsid.design.minimum_time import minimum_time_design
+from smsid.design.minimum_time import Progress, Watch, minimum_time_design
 from smsid.design.moving import Moving, design_motion, within_limits
 from smsid.design.thrusting import (
     Thrusting,
@@ -26,7 +26,6 @@ from smsid.design.thrusting import (
     paper_thrust,
     scale_thrust,
 )
-from smsid.design.watch import Progress, Watch
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, LimitUse
 from smsid.likelihood.parameters import Parameters
@@ -41,6 +40,7 @@ FULL = 0.99  # share of what may be used at which a limit counts as what holds t
 QUICK = 0.4  # effort for a motion while its duration is sought
 
 
+@single_threaded
 def design_experiment(
     description: Description,
     wanted: Sequence[str],
@@ -90,119 +90,63 @@ def design_experiment(
         raise ExperimentError(f"Thrust axes are letters of 'xyz', not '{axes}'.")
     if not wanted:
         raise ExperimentError("Nothing is asked for.", advice="For instance: slosh, inertia, b_s.")
-    with threadpool_limits(limits=1, user_api="blas"):
-        model = build_model(description)
-        chosen = mode
-        if mode == "auto":
-            chosen = "motion" if needs_motion(Parameters.of(model), wanted) else "thrust"
-        if chosen == "motion":
-            return _motion(model, wanted, criterion, limits, duration, to, seed, effort, name, progress)
-        return _thrust(model, wanted, criterion, limits, duration, to, axes, seed, name, progress)
+    model, kind = build_model(description), mode
+    if kind == "auto":
+        kind = "motion" if needs_motion(Parameters.of(model), wanted) else "thrust"
+    watch: Watch[Any] = Watch(progress)
+    last: list[np.ndarray] = []  # what the search for another duration ended with
+    first: list[Moving] = []
 
+    def designed(length: float) -> Thrusting | Moving:
+        rng = np.random.default_rng(seed)
+        if kind == "thrust":
+            used = axes if axes is not None or not last else axes_of(last[0])  # the same for all durations
+            return design_thrust(model, wanted, criterion, limits, length, rng, watch, last, used)
+        start, work = last[0] if last else None, effort if to is None else QUICK * effort
+        made, origin = design_motion(model, wanted, criterion, limits, length, rng, watch, start, work)
+        first[:] = [origin]
+        return made
 
-def _thrust(
-    model: SpacecraftModel,
-    wanted: Sequence[str],
-    criterion: Criterion,
-    limits: Limits,
-    duration: float | None,
-    to: float | None,
-    axes: str | None,
-    seed: int,
-    name: str,
-    progress: Progress | None,
-) -> Design:
-    watch: Watch[Thrusting] = Watch(progress)
-    last: list[np.ndarray] = []
-
-    def search(length: float) -> tuple[float, Thrusting]:
-        watch.restarted(f"thrust of {length:.4g} s")
-        used = axes if axes is not None or not last else axes_of(last[0])  # the same for all durations
+    def search(length: float) -> tuple[float, Thrusting | Moving]:
+        watch.restarted(f"{kind} of {length:.4g} s")
         try:
-            made = design_thrust(
-                model, wanted, criterion, limits, length, np.random.default_rng(seed), watch, last, used
-            )
+            made = designed(length)
         except KeyboardInterrupt:
             if watch.best is None:
                 raise
             watch.interrupted, made = True, watch.best
-        last[:] = [made.thrust]
+        last[:] = [made.thrust if isinstance(made, Thrusting) else made.point]
         return float(made.goal.relative(made.covariance).max()), made
 
     def whole(length: float) -> float:
-        return intervals_of(60.0) * round(length / intervals_of(60.0), 2)
+        ticks = intervals_of(60.0)
+        return ticks * round(length / ticks, 2) if kind == "thrust" else round(length, 1)
+
+    def held_back(made: Thrusting | Moving) -> str:
+        moving = isinstance(made, Moving)
+        uses = (
+            within_limits(model, made, limits)[1]
+            if moving
+            else experiment_use(model, made.experiment, limits)
+        )
+        return _held_back(uses, limits)
 
     if to is None:
-        _, made = search(duration or DURATION["thrust"])
+        _, made = search(duration or DURATION[kind])
     else:
-        made = minimum_time_design(
-            search,
-            to,
-            DURATION["thrust"],
-            duration or LONGEST,
-            whole,
-            watch,
-            lambda m: _held_back(experiment_use(model, m.experiment, limits), limits),
-        )
+        most = duration or LONGEST
+        made = minimum_time_design(search, to, DURATION[kind], most, whole, watch, held_back)
     made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
+    if isinstance(made, Moving):
+        made, uses = within_limits(model, made, limits)
+        before = within_limits(model, first[0] if first else made, limits)[0].experiment
+        return _finished(model, made, uses, before, watch, to, limits)
     uses = experiment_use(model, made.experiment, limits)
     over = limit_share(uses, limits)
     if over > 1.0 + 1e-6:
         made = scale_thrust(made, 0.9999 / over)
         uses = experiment_use(model, made.experiment, limits)
-    reference = paper_thrust(model, made, limits)
-    return _finished(model, made, uses, reference, watch, to, limits)
-
-
-def _motion(
-    model: SpacecraftModel,
-    wanted: Sequence[str],
-    criterion: Criterion,
-    limits: Limits,
-    duration: float | None,
-    to: float | None,
-    seed: int,
-    effort: float,
-    name: str,
-    progress: Progress | None,
-) -> Design:
-    watch: Watch[Moving] = Watch(progress)
-    last: list[np.ndarray] = []
-    first: list[Moving] = []
-
-    def search(length: float) -> tuple[float, Moving]:
-        watch.restarted(f"motion of {length:.4g} s")
-        rng = np.random.default_rng(seed)
-        work = effort if to is None else QUICK * effort
-        try:
-            made, origin = design_motion(
-                model, wanted, criterion, limits, length, rng, watch, last[0] if last else None, work
-            )
-            first[:] = [origin]
-        except KeyboardInterrupt:
-            if watch.best is None:
-                raise
-            watch.interrupted, made = True, watch.best
-            first[:] = first or [made]
-        last[:] = [made.point]
-        return float(made.goal.relative(made.covariance).max()), made
-
-    if to is None:
-        _, made = search(duration or DURATION["motion"])
-    else:
-        made = minimum_time_design(
-            search,
-            to,
-            DURATION["motion"],
-            duration or LONGEST,
-            lambda t: round(t, 1),
-            watch,
-            lambda m: _held_back(within_limits(model, m, limits)[1], limits),
-        )
-    made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
-    made, uses = within_limits(model, made, limits)
-    reference, _ = within_limits(model, first[0], limits)
-    return _finished(model, made, uses, reference.experiment, watch, to, limits)
+    return _finished(model, made, uses, paper_thrust(model, made, limits), watch, to, limits)
 
 
 def _finished(

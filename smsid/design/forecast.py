@@ -18,6 +18,7 @@ from scipy.interpolate import make_interp_spline
 from smsid.description.schema import Description
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, fly
+from smsid.experiments.scaling import spin_inertias
 from smsid.inputs.signals import Fourier, sample
 from smsid.likelihood.channels import QUANTITIES, Channel, described_sigma, measured_channels
 from smsid.likelihood.inputs import Drive
@@ -139,7 +140,7 @@ class Forecast:
             torque = experiment.wheel_torque.signal() if experiment.wheel_torque is not None else None
             angle = np.zeros((len(knots), len(model.wheels)))
             if isinstance(torque, Fourier):
-                angle = twice_integrated(torque, knots) / wheel_inertias(model)
+                angle = twice_integrated(torque, knots) / spin_inertias(model)
             noise = self._noise("tachometer", "wheel_rate", len(model.wheels))
             wheels = _spline(knots, angle, noise)
         return Drive(free, home, False, None, joints, wheels)
@@ -168,11 +169,6 @@ def exact_information(description: Description, experiment: Experiment) -> Norma
     piece = piece.with_input_noise(at, piece.predict(at, local))
     seen = Evaluation.at([piece], Point(at, (local,)))
     return normal_at([piece], seen, Prior(at), with_data=False)
-
-
-def wheel_inertias(model: SpacecraftModel) -> np.ndarray:
-    """Return the spin inertias (wheels,) [kg m^2]."""
-    return np.array([float(model.pin.inertias[int(j)].inertia.diagonal().max()) for j in model.wheels.joints])
 
 
 def twice_integrated(series: Fourier, times: np.ndarray) -> np.ndarray:

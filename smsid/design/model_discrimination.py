@@ -13,13 +13,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.design.limits import Limits
+from smsid.design.minimum_time import Progress, Watch
 from smsid.design.trials import Trials, families
-from smsid.design.watch import Progress, Watch
 from smsid.diagnose.diagnose import RATE
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import Nominal, nominal
@@ -95,6 +95,7 @@ class Judged:
         return float(np.mean([np.mean(np.log(x)) for x in self.limits]))
 
 
+@single_threaded
 def design_separation(
     description: Description,
     pair: str | tuple[str, str],
@@ -115,26 +116,10 @@ def design_separation(
     Raises `ExperimentError` for a name that fits none or several candidates, and when no experiment tried
     separates them.
     """
-    limits = limits or Limits()
-    length = DURATION if duration is None else duration
-    with threadpool_limits(limits=1, user_api="blas"):
-        return _separated(description, pair, limits, length, seed, effort, name, progress)
-
-
-def _separated(
-    description: Description,
-    pair: str | tuple[str, str],
-    limits: Limits,
-    duration: float,
-    seed: int,
-    effort: float,
-    name: str,
-    progress: Progress | None,
-) -> Separation:
     known = nominal(description, None)
     model, rng = build_model(description), np.random.default_rng(seed)
     watch: Watch[tuple[Trials, np.ndarray]] = Watch(progress, "separating")
-    kinds = families(model, limits, duration)
+    kinds = families(model, limits or Limits(), DURATION if duration is None else duration)
     firsts = [(kind, kind.random(rng)) for kind in kinds]
     flights = [(kind, point, *kind.flown(point)) for kind, point in firsts]
     everything: dict[tuple[str, str, str], Candidate] = {}

@@ -14,12 +14,13 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from smsid.design.forecast import Forecast, once_integrated, wheel_inertias
+from smsid.design.forecast import Forecast, once_integrated
 from smsid.design.goal import Criterion, Goal, goal_of
 from smsid.design.limits import Limits, experiment_use, least
-from smsid.design.watch import Watch
+from smsid.design.minimum_time import Watch
 from smsid.errors import ExperimentError, SmsidError
 from smsid.experiments import Experiment, FourierProfile, LimitUse
+from smsid.experiments.scaling import spin_inertias
 from smsid.inputs.signals import Fourier
 from smsid.likelihood.prediction import Prediction
 from smsid.model.spacecraft import SpacecraftModel
@@ -261,7 +262,7 @@ class SeriesSpace:
         series = Fourier(self.periods / self.duration, a, b, np.zeros(len(a)))
         times = np.linspace(0.0, self.duration, LOOKS)
         peak = np.abs(series.sampled(times)).max(axis=0)
-        spin = np.abs(once_integrated(series, times)).max(axis=0) / wheel_inertias(self.model)
+        spin = np.abs(once_integrated(series, times)).max(axis=0) / spin_inertias(self.model)
         factor = np.full(len(a), np.inf)
         for i, wheel in enumerate(self.model.description.wheel):
             torque = least(wheel.max_torque, self.limits.wheel_torque)

@@ -125,10 +125,6 @@ class ThrustSpace:
         axes = tuple(self.axes[i] for i in index)
         return replace(self, axes=axes, rows=self.rows[..., index], bounds=bounds)
 
-    def answer(self, bound: Bound, thrust: np.ndarray) -> np.ndarray:
-        """Return what a bound is on, (times, components), under thrust (intervals, axes) [N]."""
-        return np.einsum("tcua,ua->tc", self.matrix(bound), thrust)
-
     def matrix(self, bound: Bound) -> np.ndarray:
         """Return the linear map (times, components, intervals, axes) of a bound."""
         out = np.zeros((*bound.response.shape[:2], self.intervals, len(self.axes)))

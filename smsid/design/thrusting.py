@@ -17,8 +17,8 @@ from scipy.sparse import csr_array, vstack
 from smsid.design.forecast import Forecast
 from smsid.design.goal import Criterion, Goal, goal_of
 from smsid.design.limits import Limits, experiment_use
+from smsid.design.minimum_time import Watch
 from smsid.design.thrust import ThrustSpace, thrust_space
-from smsid.design.watch import Watch
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, LimitUse, StepProfile, thrust_experiment
 from smsid.model.spacecraft import SpacecraftModel

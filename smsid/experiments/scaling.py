@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.spacecraft import SpacecraftModel, motion_columns
 
 THRUST = 40.0  # [N] of Exp. 1 per axis, equation (48)
 ACCELERATION = 0.02  # [m/s^2] by thrust along one axis; the paper's spacecraft takes 0.018
@@ -43,9 +42,7 @@ def spin_inertias(model: SpacecraftModel) -> np.ndarray:
     """Return the spin inertia of every wheel (wheels,) [kg m^2], also of those that are joints of a URDF."""
     inertias = []
     for joint in model.wheels.joints.tolist():
-        data = model.pin.joints[joint].createData()
-        model.pin.joints[joint].calc(data, pin.neutral(model.pin))
-        axis = np.asarray(data.S).reshape(6)[3:]
+        axis = motion_columns(model.pin, joint)[3:, 0]
         about = model.pin.inertias[joint].matrix()[3:, 3:]
         inertias.append(float(axis @ about @ axis))
     return np.array(inertias)

@@ -8,11 +8,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from smsid._explain import validated
 from smsid._files import atomic_write, signed
+from smsid._reading import read_toml
 from smsid._short_repr import Told
-from smsid.description.files import explain_validation, read_toml
 from smsid.errors import ExperimentError
 from smsid.inputs.inputs import Inputs, JointMotion
 from smsid.inputs.signals import Constant, Fourier, Signal, Steps
@@ -144,12 +145,7 @@ class Experiment(Told, _Table):
 
 def load_experiment(path: str | os.PathLike[str]) -> Experiment:
     """Load an experiment from its TOML; raises `ExperimentError` naming the place and the mend."""
-    file = Path(path)
-    tables: dict[str, Any] = read_toml(file, ExperimentError)
-    try:
-        return Experiment.model_validate(tables)
-    except ValidationError as cause:
-        raise explain_validation(cause, file, ExperimentError) from cause
+    return validated(Experiment, read_toml(path, ExperimentError), f"'{path}'", ExperimentError)
 
 
 def save_experiment(experiment: Experiment, path: str | os.PathLike[str]) -> None:

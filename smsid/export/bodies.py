@@ -23,9 +23,9 @@ from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.effects.inertial_parameters import matrix_to_parameters, pseudo_inertia
 from smsid.errors import DescriptionError
 from smsid.identify.appendages import as_described
-from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import Estimate
 from smsid.identify.momentum_rows import whole_bodies
+from smsid.identify.parameter_estimate import parse_combination
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_of, step_factor
 from smsid.model import SpacecraftModel
 from smsid.model.load import load_bus, mount_arm

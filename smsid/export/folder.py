@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from smsid._files import atomic_folder, atomic_write, file_stem
 from smsid._short_repr import short_repr
@@ -18,8 +19,8 @@ from smsid.arm.identify import rigid_arm
 from smsid.description import Arm, Description, save_description
 from smsid.description.robot_sources import robot_xml
 from smsid.description.urdf_check import read_urdf
+from smsid.description.urdf_writing import inertial_tag
 from smsid.effects.assembly import find_frame
-from smsid.effects.inertial_parameters import parameters_to_matrix
 from smsid.errors import OutputError
 from smsid.export.bodies import IdentifiedBodies, identified_bodies, with_estimate
 from smsid.export.mjcf import counterparts, write_mjcf
@@ -299,13 +300,5 @@ def _replace(link: ElementTree.Element, theta: np.ndarray | None) -> None:
         link.remove(old)
     if theta is None or not theta[0] > 0.0:
         return
-    centre = theta[1:4] / theta[0]
-    about = parameters_to_matrix(theta) - theta[0] * (
-        (centre @ centre) * np.eye(3) - np.outer(centre, centre)
-    )
-    new = ElementTree.Element("inertial")
-    ElementTree.SubElement(new, "origin", xyz=" ".join(repr(float(x)) for x in centre), rpy="0 0 0")
-    ElementTree.SubElement(new, "mass", value=repr(float(theta[0])))
-    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    ElementTree.SubElement(new, "inertia", {k: repr(float(about[p])) for k, p in places.items()})
-    link.insert(0, new)
+    body = pin.Inertia.FromDynamicParameters(theta)
+    link.insert(0, inertial_tag(body.mass, body.lever, body.inertia))

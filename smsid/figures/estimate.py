@@ -9,7 +9,8 @@ from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError
 from smsid.figures.canvas import COLOURS, canvas, legend_above
 from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate
-from smsid.report.parameters import SMALLEST, clip_text, reported_parameters
+from smsid.identify.estimate_text import asked_for
+from smsid.report.parameters import SMALLEST, clip_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,9 +22,7 @@ def estimate_figure(estimate: Estimate, truth: Estimate | None = None, title: st
     ``truth``: an estimate whose values are true; without it the distance is that from the description. Raises
     `NotIdentifiableError` when no parameter has an interval.
     """
-    shown = [
-        p for p in reported_parameters(estimate) if math.isfinite(p.relative_sigma) and p.relative_sigma > 0.0
-    ]
+    shown = [p for p in asked_for(estimate) if math.isfinite(p.relative_sigma) and p.relative_sigma > 0.0]
     if not shown:
         raise NotIdentifiableError("No parameter of the estimate has an interval.", advice="See its notes.")
     label = "off the described value" if truth is None else "off the true value"

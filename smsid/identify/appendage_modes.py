@@ -9,9 +9,8 @@ import numpy as np
 
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
 from smsid.identify.modes import Mode, Poles, mac
-from smsid.identify.ssi import ssi_cov
+from smsid.identify.ssi import signal_matrix, ssi_cov
 from smsid.identify.ssi_decimate import decimate, filter_length
-from smsid.identify.ssi_hankel import signal_matrix
 from smsid.identify.ssi_input import ssi_cov_input
 from smsid.identify.stabilisation import stable_modes
 

@@ -12,12 +12,10 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from smsid._files import json_ready
-from smsid._reading import read_json
+from smsid._reading import SCHEMA_VERSION, reading_document
 from smsid._version import __version__
-from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, with_distinct_names
 
-SCHEMA_VERSION = 1
 _PLACE = "@covariance@"
 _CHECKED = TypeAdapter(ParameterEstimate)  # a field of another type is an error of the file
 
@@ -64,16 +62,7 @@ def read_estimate(file: Path) -> Estimate:
 
     In files of earlier versions parameters of two groups may share a name; the later are renamed by group.
     """
-    if not file.is_file():
-        raise SmsidError(f"The file '{file}' does not exist.", advice="Run `smsid identify` to make it.")
-    try:
-        document = read_json(file)
-        known = isinstance(document, dict) and document.get("kind") == "estimate"
-        if not known or document.get("schema") != SCHEMA_VERSION:
-            raise SmsidError(
-                f"'{file}' is no estimate of schema {SCHEMA_VERSION}{_other_kind(document)}.",
-                advice="Was it made by another version?",
-            )
+    with reading_document(file, "estimate", "identify") as document:
         return Estimate(
             description=document["description"],
             method=document["method"],
@@ -88,16 +77,6 @@ def read_estimate(file: Path) -> Estimate:
             ),
             covariance=_covariance(document.get("covariance")),
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SmsidError(
-            f"'{file}' cannot be read as an estimate: {error}.", advice="Is it cut short?"
-        ) from error
-
-
-def _other_kind(document: Any) -> str:
-    """Return what the document is instead, if it says so."""
-    kind = document.get("kind") if isinstance(document, dict) else None
-    return f"; it is a {kind}".replace("_", " ") if isinstance(kind, str) and kind != "estimate" else ""
 
 
 def _parameter(table: dict[str, Any]) -> ParameterEstimate:

@@ -28,18 +28,7 @@ def correct_readings(recording: Recording, sensors: Sequence[Sensor]) -> Recordi
             if name in recording and _known(error):
                 times = recording.time(name)
                 channels[name] = (times, _undone(error, times, np.array(recording[name]), quantity))
-    if not channels:
-        return recording
-    rest = {n: (recording.time(n), recording[n]) for n in recording.channels}
-    return Recording.from_arrays(
-        None,
-        rest | channels,
-        labels=recording.labels,
-        units={n: u for n, u in recording.units.items() if n.startswith("extra.")},
-        provenance=recording.provenance,
-        role=recording.role,
-        name=recording.name,
-    )
+    return recording.with_channels(channels) if channels else recording
 
 
 def _known(error: ErrorModel) -> bool:

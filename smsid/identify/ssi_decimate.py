@@ -40,10 +40,8 @@ def decimate(x: np.ndarray, rate: float, factor: int) -> tuple[np.ndarray, float
             samples=len(x),
             taps=taps,
         )
-    kaiser = np.kaiser(taps, scipy.signal.kaiser_beta(ATTENUATION))
-    cutoff = (1 + PASS_SHARE) / 2 / factor
-    window = cutoff * np.sinc(cutoff * (np.arange(taps) - taps // 2)) * kaiser
-    window /= window.sum()
+    kaiser = "kaiser", scipy.signal.kaiser_beta(ATTENUATION)
+    window = scipy.signal.firwin(taps, (1 + PASS_SHARE) / 2 / factor, window=kaiser)
     slow = scipy.signal.oaconvolve(x, window[:, None], mode="valid", axes=0)
     return np.asarray(slow)[::factor], rate / factor
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.modes import Poles
-from smsid.identify.ssi_hankel import (
+from smsid.identify.ssi import (
     block_hankel,
     check_columns,
     checked_orders,

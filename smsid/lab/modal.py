@@ -16,8 +16,8 @@ from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.estimate import Estimate, classify
 from smsid.identify.modes import Mode, Poles
+from smsid.identify.ssi import block_hankel, checked_orders, observability_poles
 from smsid.identify.ssi_decimate import decimate, filter_length
-from smsid.identify.ssi_hankel import block_hankel, checked_orders, observability_poles
 from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
 from smsid.lab.decay import mode_parameters
 from smsid.lab.output_spectra import band_kurtosis, correlation_window, spectral_lines
@@ -221,7 +221,11 @@ def _identified(
         left, right = left[:, :kept], right[:kept]
         small = np.einsum("ai,kab,jb->kij", left, covariances, right, optimize=True)
         few = chosen[:: -(-len(chosen) // RESAMPLED_ORDERS)]
-        again.append([_resampled(small, w, left, right, outputs, slow_rate, few) for w in draws])
+        again.append([])
+        for weights in draws:
+            inner, values, outer = np.linalg.svd(np.einsum("k,kij->ij", weights / weights.sum(), small))
+            own = observability_poles(left @ inner, values, outer @ right, outputs, slow_rate, few)
+            again[-1].append(own)
     used = finest_windows(found, stability.frequency)
     groups = [
         g
@@ -327,19 +331,6 @@ def _block_covariances(pieces: list[np.ndarray], rows: int, blocks: int) -> np.n
             found[block] += block_hankel(y, a + rows, rows, b - a) @ block_hankel(y, a, rows, b - a).T / share
             at, a = at + b - a, b
     return found
-
-
-def _resampled(
-    small: np.ndarray,
-    weights: np.ndarray,
-    left: np.ndarray,
-    right: np.ndarray,
-    outputs: int,
-    rate: float,
-    orders: Sequence[int],
-) -> tuple[Poles, ...]:
-    inner, singular, outer = np.linalg.svd(np.einsum("k,kij->ij", weights / weights.sum(), small))
-    return observability_poles(left @ inner, singular, outer @ right, outputs, rate, orders)
 
 
 def _mode(

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 from scipy.stats import chi2
 
 from smsid._short_repr import short_repr
+from smsid._statistics import NORMAL95
 from smsid.arm.regression import correlation_lags
+from smsid.diagnose.result import Diagnosis, FoundCause, Remaining, Value
+from smsid.diagnose.verdict import describe
+from smsid.identify.estimate import Estimate
 from smsid.lab.tank import COUNTS, Model, TankFit, TankTest, fit_tank
 
 MODELS: tuple[Model, ...] = ("rigid", "slosh", "softening spring", "softening inertia")
@@ -67,3 +71,79 @@ def compare_tank_models(test: TankTest, models: Sequence[Model] = MODELS) -> Tan
         if more > 0 and gains[model] > chi2.ppf(1.0 - LEVEL, more):
             named = model
     return TankComparison(fits, gains, named)
+
+
+ABOVE = 2.0
+"""What is left ringing down counts when it is this many times what is left before the motion."""
+
+
+def tank_diagnosis(test: TankTest, compared: TankComparison, recording: str) -> Diagnosis:
+    """Return the diagnosis that a comparison of models amounts to, from the rigid container on.
+
+    Causes: the slosh mass, the dependence of its frequency on amplitude, and the lag of the force sensor,
+    each with its likelihood ratio in independent samples. The lag's parameter is the named model's; where its
+    interval does not agree with that of the cross-correlation, a note says so. The verdict is ``unexplained``
+    where more is left ringing down than `ABOVE` times what is left before the motion.
+    """
+    fit = compared.fits[compared.named]
+    causes = []
+    if compared.sloshes:
+        ratio = float(compared.gains.get("slosh", float("nan")))
+        causes.append(_cause(fit, "slosh", "slosh", "slosh mass", ratio))
+    if compared.amplitude:
+        ratio = float(compared.gains.get(compared.named, float("nan")))
+        causes.append(_cause(fit, "slosh_nonlinearity", "slosh", compared.named, ratio))
+    lag = fit.estimate["tank.lag"]
+    if abs(lag.value) > NORMAL95 * lag.sigma:
+        value = _value(fit.estimate, lag.name)
+        ratio = (lag.value / lag.sigma) ** 2
+        causes.append(
+            FoundCause(
+                "sensor_delay", "force", "sensor", "delay" if lag.value > 0.0 else "lead", (value,), (),
+                {"likelihood_ratio": ratio, "freedom": 1.0, "p_value": float(chi2.sf(ratio, 1))},
+            )
+        )  # fmt: skip
+    quiet = fit.quiet(test)
+    remaining = ()
+    if fit.ring_down > ABOVE * quiet:
+        remaining = (Remaining("force while ringing down", "time", (fit.ring_down / quiet) ** 2, 1, 0.0),)
+    words = "; ".join(describe(c) for c in causes)
+    left = (
+        f"{fit.ring_down:.3g} N are left ringing down, {fit.moving:.3g} N while moving; "
+        f"{quiet:.3g} N before the motion"
+    )
+    notes = [left, *fit.estimate.notes]
+    low, high = test.lag.interval
+    notes.append(f"force behind motion by cross-correlation, without a model: {low:.3g} to {high:.3g} s")
+    if lag.interval[0] > high or lag.interval[1] < low:
+        notes.append("the two lags do not agree")
+    said = f"A rigid container lacks {words}. {left}." if causes else f"A rigid container is enough. {left}."
+    return Diagnosis(
+        description="tank",
+        recordings=(recording,),
+        verdict="unexplained" if remaining else "explained" if causes else "adequate",
+        sentence=said,
+        priors="all parameters of the models fitted freely",
+        causes=tuple(causes),
+        gain_reason="one recording holds one motion: there is no other to judge by",
+        remaining=remaining,
+        whitened_rms={"nominal": compared.fits["rigid"].ring_down / quiet, "extended": fit.ring_down / quiet},
+        notes=tuple(notes),
+    )
+
+
+def _cause(fit: TankFit, effect: str, family: str, shape: str, ratio: float) -> FoundCause:
+    names = ("slosh_mass", "frequency", "damping") if effect == "slosh" else ("softening",)
+    freedom = len(names)
+    evidence = {
+        "likelihood_ratio": ratio,
+        "freedom": float(freedom),
+        "p_value": float(chi2.sf(ratio, freedom)),
+    }
+    values = tuple(_value(fit.estimate, f"tank.{n}") for n in names)
+    return FoundCause(effect, "tank", family, shape, values, (), evidence)
+
+
+def _value(estimate: Estimate, name: str) -> Value:
+    p = estimate[name]
+    return Value(p.name, p.value, p.sigma, p.unit)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.errors import ExperimentError
 from smsid.likelihood.combinations import Combination
@@ -61,6 +61,7 @@ class FisherInformation:
         return out
 
 
+@single_threaded
 def fisher_information(
     description: Description,
     flown: Experiment | Recording | Sequence[Experiment | Recording],
@@ -77,16 +78,6 @@ def fisher_information(
     Raises `ExperimentError` without sensors or for a channel without noise (its bound would be zero), and
     what simulating an experiment raises.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
-        return _fisher(description, flown, sensors, nuisance or Nuisance())
-
-
-def _fisher(
-    description: Description,
-    flown: Experiment | Recording | Sequence[Experiment | Recording],
-    sensors: Sequence[Sensor] | None,
-    nuisance: Nuisance,
-) -> FisherInformation:
     if sensors is not None:
         description = description.with_sensors(*sensors)
     for sensor in description.effective_sensors():
@@ -99,7 +90,7 @@ def _fisher(
     model = build_model(description)
     several = list(flown) if isinstance(flown, Sequence) else [flown]
     recordings = [x if isinstance(x, Recording) else _simulated(description, x) for x in several]
-    pairs = [piece_of(model, r, nuisance, described_noise=True) for r in recordings]
+    pairs = [piece_of(model, r, nuisance or Nuisance(), described_noise=True) for r in recordings]
     at = Parameters.of(model)
     point = Point(at, tuple(local for _, local in pairs))
     pieces = []

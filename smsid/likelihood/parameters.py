@@ -16,12 +16,11 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.description.schema import Description
-from smsid.effects.inertial_parameters import parameters_to_matrix
+from smsid.effects.assembly import AppendageJoints
+from smsid.effects.inertial_parameters import move_parameters, parameters_to_matrix
 from smsid.errors import DescriptionError
 from smsid.identify.appendages import as_described
-from smsid.likelihood.layout import Layout, appendage_parts, wheel_spins
 from smsid.likelihood.pseudo_inertia import SIZE, is_body
-from smsid.likelihood.scalars import Scalar, scalars_of
 from smsid.model.regressor import INERTIAL_NAMES, body_names, dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -218,3 +217,103 @@ def body_size(theta: np.ndarray) -> np.ndarray:
     mass = theta[0]
     gyration = np.sqrt(np.trace(parameters_to_matrix(theta)) / (2.0 * mass))
     return mass * np.concatenate([[1.0], np.full(3, gyration), np.full(6, gyration**2)])
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What does not change while parameters do: bodies, and what slosh and appendages contribute.
+
+    ``fixed`` (10 bodies,) inertial parameters nobody estimates; ``appendages`` what each adds to the inertial
+    parameters (10 bodies,) at the described density, modes included; ``unseen`` are bodies left as described
+    for want of extent; ``theta0`` (10 bodies,) are the described parameters.
+    """
+
+    model: SpacecraftModel
+    bodies: tuple[int, ...]
+    unseen: tuple[str, ...]
+    fixed: np.ndarray
+    appendages: Mapping[str, np.ndarray]
+    theta0: np.ndarray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the estimated bodies."""
+        names = body_names(self.model.pin)
+        return tuple(names[j - 1] for j in self.bodies)
+
+
+def appendage_parts(model: SpacecraftModel, joints: AppendageJoints) -> np.ndarray:
+    """Return the inertial parameters (10 bodies,) an appendage adds: its modes, and the remainder."""
+    out = np.zeros(SIZE * (model.pin.njoints - 1))
+    remainder = move_parameters(joints.placement, dynamic_parameters(joints.appendage.rigid_inertia()))
+    for j in joints.seen:
+        own = dynamic_parameters(model.pin.inertias[j])
+        out[SIZE * (j - 1) : SIZE * j] = own
+        remainder = remainder - move_parameters(model.pin.jointPlacements[j], own)
+    if joints.parent > 0:
+        out[SIZE * (joints.parent - 1) : SIZE * joints.parent] += remainder
+    return out
+
+
+def wheel_spins(model: SpacecraftModel) -> np.ndarray:
+    """Return the spin inertias (10,) that were taken out of the bus for its wheels."""
+    out = np.zeros(SIZE)
+    for wheel in model.description.wheel:
+        if wheel.joint is None and wheel.inertia_in_bus:
+            axis = np.asarray(wheel.axis) / np.linalg.norm(wheel.axis)
+            spin = wheel.inertia * np.outer(axis, axis)
+            out[4:] += [spin[0, 0], spin[0, 1], spin[1, 1], spin[0, 2], spin[1, 2], spin[2, 2]]
+    return out
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A scalar parameter: name, value, unit; ``log``: its step is that of its logarithm.
+
+    ``reference`` is the description's value, ``size`` what a change of it is compared with, ``sigma`` the
+    standard deviation of the user's prior.
+    """
+
+    name: str
+    value: float
+    unit: str
+    log: bool
+    reference: float
+    size: float
+    sigma: float | None = None
+
+    @property
+    def slope(self) -> float:
+        """Derivative of the value by the step."""
+        return self.value if self.log else 1.0
+
+    def moved(self, step: float) -> Scalar:
+        """Return the parameter a step away."""
+        return replace(self, value=self.value * float(np.exp(step)) if self.log else self.value + step)
+
+
+def scalars_of(model: SpacecraftModel) -> list[Scalar]:
+    """Return the scalars of a model at the description's values."""
+    found = []
+    for joint in model.slosh:
+        tank = joint.tank
+        critical = 2.0 * np.sqrt(tank.mass * max(tank.stiffness))
+        for p in tank.parameters():
+            log = "damping" not in p.name and p.value > 0.0
+            least = 0.01 * critical if "damping" in p.name else p.value or max(tank.stiffness)
+            found.append(Scalar(p.name, p.value, p.unit, log, p.value, max(p.value, least), p.sigma))
+    for joints in model.appendages:
+        part = joints.appendage
+        prior = part.prior
+        own = {p.name.removeprefix(f"{part.name}."): p.value for p in part.parameters()}
+        key = "density" if "density" in own else "mass"
+        relative = prior[key] / own[key] if key in prior else None
+        found.append(Scalar(f"{part.name}.density_factor", 1.0, "1", True, 1.0, 1.0, relative))
+        described = part.described_modes(model.description.effect)
+        for k, mode in enumerate(described, start=1):
+            name, f, zeta = f"{part.name}.mode{k}", mode.frequency, mode.damping
+            sigma = prior.get(f"mode{k}.frequency")
+            found.append(Scalar(f"{name}.frequency", f, "Hz", True, f, f, sigma))
+            sigma = prior.get(f"mode{k}.damping", prior.get("damping"))
+            found.append(Scalar(f"{name}.damping", zeta, "1", False, zeta, max(zeta, 0.01), sigma))
+    return found

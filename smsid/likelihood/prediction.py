@@ -22,8 +22,7 @@ from smsid.kernel.hybrid import hybrid_motion
 from smsid.kernel.jit import available
 from smsid.likelihood.inputs import Drive
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.runge_kutta import STAGES, A, B, stage_values, transitions
-from smsid.likelihood.time_grid import Timeline
+from smsid.likelihood.time_grid import STAGES, A, B, Timeline, stage_values, transitions
 from smsid.simulate.truth import rotation_matrices
 
 PART = 4096  # steps predicted at a time: what is between their ends is forgotten

@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, distinct
+from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import Identification
+from smsid.identify.stationary_joints import Still, taken_away
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
-from smsid.likelihood.fit import Fit
-from smsid.likelihood.history import history_of
+from smsid.likelihood.fit import Fit, history_of
 from smsid.likelihood.initial_guess import best_start, candidates
 from smsid.likelihood.knots import motion_ratio, refined_motion, resolve_motion
 from smsid.likelihood.normal import Normal
@@ -40,8 +41,9 @@ from smsid.likelihood.report import (
     with_profiles,
 )
 from smsid.likelihood.search import search
-from smsid.likelihood.stationary_joints import held_joints, not_seen
 from smsid.model import build_model
+from smsid.model.identifiable import BaseParameters
+from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 
 UNRESOLVED = (
@@ -84,6 +86,7 @@ class Refinement:
         return self.estimate.correlation(first, second)
 
 
+@single_threaded
 def refine(
     description: Description,
     recordings: Sequence[Recording],
@@ -111,18 +114,6 @@ def refine(
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` when the search does not come to
     rest, `DescriptionError` for a spacecraft it cannot predict.
     """
-    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
-        return _refine(description, recordings, start, nuisance or Nuisance(), cad, of_parts)
-
-
-def _refine(
-    description: Description,
-    recordings: Sequence[Recording],
-    start: Identification | Refinement | None,
-    nuisance: Nuisance,
-    cad: Cad | None,
-    of_parts: bool,
-) -> Refinement:
     began = time.perf_counter()
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
@@ -135,7 +126,7 @@ def _refine(
         recording.check_consistency()
     model = build_model(description)
     described = Parameters.of(model)
-    pairs = [piece_of(model, r, nuisance) for r in recordings]
+    pairs = [piece_of(model, r, nuisance or Nuisance()) for r in recordings]
     names = distinct(p.name for p, _ in pairs)  # two flights of one experiment may be called the same
     pieces = [replace(p, name=n) for (p, _), n in zip(pairs, names, strict=True)]
     locals_ = tuple(local for _, local in pairs)
@@ -272,3 +263,31 @@ def prior_shares(normal: Normal, jacobian: np.ndarray, covariance: np.ndarray) -
     spread = jacobian @ covariance
     variance = np.diag(normal.covariance_of(jacobian))
     return np.einsum("ij,jk,ik->i", spread, normal.prior, spread) / variance
+
+
+RESTING = 1e-7  # [rad/s] by which a held rate may vary: little of its noise was left (`measured_drive`)
+
+
+def held_joints(at: Parameters, predictions: Sequence[Prediction]) -> Still:
+    """Return the joints and wheels that are held in all of the motions."""
+    if not predictions:
+        return Still()
+    model = at.layout.model
+
+    def constant(columns: np.ndarray) -> tuple[int, ...]:
+        spread = [np.ptp(p.v[:, columns], axis=0) for p in predictions]
+        return tuple(np.flatnonzero(np.max(spread, axis=0) < RESTING).tolist())
+
+    return Still(constant(model.arm_joints.v), constant(model.wheels.v))
+
+
+def not_seen(at: Parameters, described: Parameters, still: Still, base: BaseParameters) -> list[Combination]:
+    """Return what is not among the ``base`` because joints stand still: the prior alone knows it."""
+    model, theta, jacobian = at.layout.model, at.theta(), at.theta_jacobian()
+    full = np.eye(len(theta)) + carried_matrix(at.layout.model, Regressor(model))
+    out = []
+    for c in taken_away(model, still.joints, base):
+        row = c.row @ full
+        value, nominal = float(row @ theta), float(row @ described.theta())
+        out.append(Combination(c.name, c.unit, value, row @ jacobian, nominal))
+    return out

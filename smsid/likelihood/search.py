@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.likelihood.clocks import GUARD, away_from_jumps, largest_clock_shift, right_clocks, worst_clock
-from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, fit
-from smsid.likelihood.history import Iterate
-from smsid.likelihood.nuisance_parameters import zero_clocks
-from smsid.likelihood.point import Point
+from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, Iterate, fit
+from smsid.likelihood.normal import normal_at
+from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues, deviation, zero_clocks
+from smsid.likelihood.outputs import Kinematics
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
 
@@ -107,3 +109,125 @@ def _begun(pieces: Sequence[RecordingTerm], at: Point) -> Point:
     """A point to begin a search at: the joints' motion is not estimated yet."""
     pairs = zip(pieces, at.locals, strict=True)
     return Point(at.parameters, tuple(p.as_measured(local) for p, local in pairs))
+
+
+DOUBT = 5.0  # standard deviations of a score: one in two million for a good clock
+RIGHT = 3.0  # standard deviations from zero up to which a clock that was sought counts as right
+GUARD = 0.25  # [s] on both sides of a jump, of samples that a clock still to be found would take across it
+
+
+def doubtful_clocks(
+    piece: RecordingTerm, parameters: Parameters, prediction: Prediction, residuals: Sequence[np.ndarray]
+) -> dict[str, float]:
+    """Return the sensors whose residuals at the maximum still go with an offset or a drift of their clock.
+
+    ``residuals`` (N, k) by channel. With how far, in standard deviations of the score. A clock late by tau
+    reads y(t - tau), which leaves -tau dy/dt in the residual. The score of tau and of its growth with time,
+    as if nothing else had been estimated, has at most unit variance when the clock is good. Source: Rao's
+    score test (Rao 1948). One wrong clock pulls at what all sensors share, so that the others' scores grow
+    too (`worst_clock` tells which it is).
+    """
+    kinematics = Kinematics.of(parameters.layout.model, prediction)
+    start = piece.timeline.edges[0]
+    own = {s.channel for s in piece.slots if s.kind == "clock_offset"}
+    scores: dict[str, np.ndarray] = {}
+    for c, r in zip(piece.channels, residuals, strict=True):
+        if c.sensor.name in own:
+            continue
+        rate = -c.at_samples(kinematics.rate(c.sensor, c.quantity, piece.timeline)) @ c.whitening.T
+        white = r @ c.whitening.T
+        product, square = np.sum(rate * white, axis=1), np.sum(rate**2, axis=1)
+        late = c.times - start
+        sums = np.array([product.sum(), (product * late).sum(), square.sum(), (square * late**2).sum()])
+        scores[c.sensor.name] = scores.get(c.sensor.name, np.zeros(4)) + sums
+    size = {n: float(np.max(np.abs(x[:2]) / np.sqrt(x[2:] + 1e-300))) for n, x in scores.items()}
+    return {n: x for n, x in size.items() if x > DOUBT}
+
+
+def worst_clock(
+    pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Prior, good: Collection[str] = ()
+) -> str | None:
+    """Return the sensor whose clock does not agree with the rest, if there is one; those ``good`` are not.
+
+    Of several in doubt it is the one whose offset and drift, in all recordings and with everything else
+    estimated, would lower the sum of squares most: a wrong clock pulls at what all sensors share.
+    """
+    names: set[str] = set()
+    for piece, prediction, residuals in zip(pieces, seen.predictions, seen.residuals, strict=True):
+        names |= set(doubtful_clocks(piece, seen.point.parameters, prediction, residuals))
+    names -= set(good)
+    if len(names) < 2:
+        return next(iter(names), None)
+    asked = [p.with_clocks(sorted(names)) for p in pieces]
+    locals_ = [
+        replace(x, clock={**zero_clocks(p.slots), **x.clock})
+        for p, x in zip(asked, seen.point.locals, strict=True)
+    ]
+    normal = normal_at(asked, replace(seen, point=Point(seen.point.parameters, tuple(locals_))), prior)
+    places: dict[str, list[int]] = {name: [] for name in names}
+    first = seen.point.parameters.size
+    for piece in asked:
+        for s in piece.slots:
+            if s.kind in CLOCK_KINDS and s.channel in names:
+                places[s.channel].append(first + s.start)
+        first += piece.size
+    scale = 1.0 / np.sqrt(np.diag(normal.information))
+    information, gradient = normal.information * np.outer(scale, scale), normal.gradient * scale
+
+    def gain(name: str) -> float:
+        held = [i for n, own in places.items() if n != name for i in own]
+        free = np.setdiff1d(np.arange(len(gradient)), held)
+        return float(gradient[free] @ np.linalg.solve(information[np.ix_(free, free)], gradient[free]))
+
+    return max(sorted(names), key=gain)
+
+
+def right_clocks(found: Fit, names: Collection[str]) -> set[str]:
+    """Return which sensors' clocks, of those sought by ``names``, turn out to show the right time."""
+    sigma = np.sqrt(np.diag(found.normal.covariance()))
+    wrong, first = set(), found.point.parameters.size
+    for piece, local in zip(found.pieces, found.point.locals, strict=True):
+        for s in piece.slots:
+            if s.kind in CLOCK_KINDS and abs(deviation(s, local)[0]) > RIGHT * sigma[first + s.start]:
+                wrong.add(s.channel)
+        first += piece.size
+    return set(names) - wrong
+
+
+def away_from_jumps(piece: RecordingTerm, local: NuisanceValues) -> RecordingTerm:
+    """Return the piece without accelerations near jumps of thrust, of sensors whose clock is sought.
+
+    A sample that another clock reading takes across a jump makes the likelihood jump: no derivative tells on
+    which side it belongs. Where the jumps are, by the sensor's own clock, is as ``local`` has it.
+    """
+    jumps = piece.timeline.edges[1:-1]
+    if not len(jumps):
+        return piece
+    channels = []
+    for c in piece.channels:
+        clock = local.clock.get(c.sensor.name)
+        if clock is None or c.quantity != "acceleration":
+            channels.append(c)
+            continue
+        happened = c.times - late(clock, c.times, piece.timeline.edges[0])
+        far = np.abs(happened[:, None] - jumps).min(axis=1) > GUARD
+        channels.append(c.only(far, counted=False))
+    return replace(piece, channels=tuple(channels))
+
+
+def late(clock: np.ndarray, times: np.ndarray, start: float) -> np.ndarray:
+    """Return what a clock (offset [s], drift [1]) shows too much at its own times (N,) [s]."""
+    return clock[0] + clock[1] * (times - start)
+
+
+def largest_clock_shift(
+    before: Sequence[NuisanceValues], after: Sequence[NuisanceValues], pieces: Sequence[RecordingTerm]
+) -> float:
+    """Return by how much [s] clocks moved, at most, anywhere in the recordings."""
+    moved = [0.0]
+    for old, new, piece in zip(before, after, pieces, strict=True):
+        ends = piece.timeline.edges[[0, -1]]
+        for name, clock in new.clock.items():
+            change = clock - old.clock.get(name, np.zeros(2))
+            moved.append(float(np.abs(late(change, ends, ends[0])).max()))
+    return max(moved)

@@ -21,9 +21,8 @@ from smsid.likelihood.inputs import Drive
 from smsid.likelihood.linearised import POSE, linearise, small_adjoint, start_velocities
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
-from smsid.likelihood.runge_kutta import PLACES, C, transitions
 from smsid.likelihood.spline import WINDOW
-from smsid.likelihood.time_grid import POINTS
+from smsid.likelihood.time_grid import PLACES, POINTS, C, transitions
 
 
 @dataclass(frozen=True)

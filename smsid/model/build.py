@@ -27,6 +27,7 @@ from smsid.model.spacecraft import (
     Source,
     SpacecraftModel,
     group_angles,
+    motion_columns,
     outside_limits,
     set_group_angles,
 )
@@ -201,12 +202,10 @@ def _wheel_of_urdf(assembly: Assembly, wheel: Wheel, name: str) -> int:
     """Return the joint of the URDF that is the wheel, with the spin inertia that the URDF leaves out."""
     joint = assembly.joint_id(name)
     if wheel.inertia > 0.0:
-        data = assembly.model.joints[joint].createData()
-        assembly.model.joints[joint].calc(data, pin.neutral(assembly.model))
-        motion = np.asarray(data.S)
-        if motion.size != 6 or not motion.reshape(6)[3:].any():
+        turning = motion_columns(assembly.model, joint)[3:]
+        if turning.shape[1] != 1 or not turning.any():
             raise DescriptionError(f"Joint '{name}' does not turn about one axis: it is no wheel.")
-        axis = motion.reshape(6)[3:]
+        axis = turning[:, 0]
         own = float(axis @ assembly.model.inertias[joint].matrix()[3:, 3:] @ axis)
         if own > 0.0:
             raise DescriptionError(

@@ -25,9 +25,10 @@ from smsid.description.urdf_check import (
 )
 from smsid.description.urdf_reading import JointReading, LinkReading, Mimic, UrdfReading, parse_urdf
 from smsid.effects.assembly import find_frame
+from smsid.effects.inertial_parameters import matrix_to_parameters
 from smsid.errors import DescriptionError
 from smsid.model.followers import Followers, mimics_of
-from smsid.model.spacecraft import JointGroup, set_group_angles
+from smsid.model.spacecraft import JointGroup, motion_columns, set_group_angles
 
 logger = logging.getLogger(__name__)
 
@@ -313,9 +314,7 @@ def _check_joint(model: pin.Model, joint: JointReading, parent: int, placement: 
         _differs(place, source, "<origin>", placement.translation, frame.translation)
     if built.nv != 1:
         return index
-    data = built.createData()
-    built.calc(data, pin.neutral(model))
-    motion = np.asarray(data.S).reshape(6)
+    motion = motion_columns(model, index)[:, 0]
     expected = np.zeros(6)
     expected[slice(0, 3) if joint.kind == "prismatic" else slice(3, 6)] = joint.axis
     if not np.allclose(motion, expected, atol=CLOSE, rtol=0.0):
@@ -368,11 +367,10 @@ def _check_body(
 
 def _parameters(link: LinkReading, placement: pin.SE3) -> np.ndarray:
     """Inertial parameters (10,) about the origin of the joint that carries the link."""
-    centre = placement.act(link.centre)
+    centre = placement.act(link.centre)  # `pin.Inertia` refuses bodies that cannot exist, as some robots have
     about = placement.rotation @ link.inertia @ placement.rotation.T
     about = about + link.mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
-    xx, xy, xz, _, yy, yz, _, _, zz = about.ravel()
-    return np.array([link.mass, *(link.mass * centre), xx, xy, yy, xz, yz, zz])
+    return np.array([link.mass, *(link.mass * centre), *matrix_to_parameters(about)])
 
 
 def _differs(place: str, source: str, element: str, said: object, has: object) -> None:

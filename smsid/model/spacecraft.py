@@ -314,3 +314,10 @@ def outside_limits(model: pin.Model, group: JointGroup, angles: np.ndarray) -> t
         if not low - SLACK <= angles[i] <= high + SLACK:
             found.append(OutsideLimits(i, group.names[i], float(angles[i]), low, high))
     return tuple(found)
+
+
+def motion_columns(model: pin.Model, joint: int) -> np.ndarray:
+    """Return what a joint's coordinates move its body by (6, nv), linear parts first, in the joint's axes."""
+    own, data = model.joints[joint], model.joints[joint].createData()
+    own.calc(data, pin.neutral(model))
+    return np.asarray(data.S).reshape(6, -1)

@@ -9,9 +9,9 @@ import numpy as np
 
 from smsid._statistics import NORMAL95
 from smsid.identify.estimate import Estimate
+from smsid.identify.estimate_text import asked_for
 from smsid.report.model import Cell, Section, Table, Text
 from smsid.report.numbers import half, number, share, unit
-from smsid.report.parameters import reported_parameters
 
 INERTIAL = ("kg m", "kg m^2")
 
@@ -146,7 +146,7 @@ def _table_3(paper: Found) -> Table:
     """Return the best and the worst identifiable inertial combinations, as the paper's Table 3 gives them."""
     usable = [
         (p, t)
-        for p in reported_parameters(paper.estimate)
+        for p in asked_for(paper.estimate)
         if p.status == "identifiable"
         and not p.small
         and p.unit in INERTIAL

@@ -5,33 +5,26 @@
 'rad/s'
 """
 
-from smsid.recording._clock import Gap
-from smsid.recording.channels import QUANTITIES, Quantity, quantity_of
+from smsid.recording.channels import QUANTITIES, quantity_of
 from smsid.recording.importing import import_recording
 from smsid.recording.mapping import ImportMapping, bundled_mappings, load_mapping
-from smsid.recording.pieces import complete_pieces, complete_spans
+from smsid.recording.pieces import complete_pieces
 from smsid.recording.readers import CsvFormat, read_columns
 from smsid.recording.recording import Recording, Role
 from smsid.recording.storage import load_recording, save_recording
-from smsid.recording.tables import save_table, table_mapping
 
 __all__ = [
     "QUANTITIES",
     "CsvFormat",
-    "Gap",
     "ImportMapping",
-    "Quantity",
     "Recording",
     "Role",
     "bundled_mappings",
     "complete_pieces",
-    "complete_spans",
     "import_recording",
     "load_mapping",
     "load_recording",
     "quantity_of",
     "read_columns",
     "save_recording",
-    "save_table",
-    "table_mapping",
 ]

@@ -8,9 +8,10 @@ import gzip
 import io
 import logging
 import re
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from smsid.errors import RecordingError
 from smsid.recording._csv_cells import NUMBER, parse_number, read_cells, sniff_decimal
@@ -33,9 +34,8 @@ __all__ = ["CsvFormat", "parse_number", "read_csv"]
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class CsvFormat:
-    """How a CSV file is written; what is None is found out.
+class CsvFormat(BaseModel):
+    """How a CSV file is written, ``[csv]`` of a mapping; what is None is found out.
 
     Attributes:
         delimiter: between cells; a blank stands for any number of blanks.
@@ -45,11 +45,12 @@ class CsvFormat:
         missing: cells that say there is no sample, such as '-999' or 'nan', beside blank ones.
     """
 
-    delimiter: str | None = None
-    decimal: str | None = None
-    skip_rows: int = 0
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] | None = None
+    skip_rows: Annotated[int, Field(ge=0)] = 0
     names: tuple[str, ...] | None = None
-    missing: tuple[str, ...] = ()
+    missing: tuple[Annotated[str, Field(min_length=1)], ...] = ()
 
 
 def read_csv(path: Path, csv_format: CsvFormat) -> Columns:
@@ -158,8 +159,6 @@ def _uneven(
         line=line,
     )
 
-
-logger = logging.getLogger(__name__)
 
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 

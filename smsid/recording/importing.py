@@ -56,7 +56,7 @@ def import_recording(
             unit is of the wrong dimension, or what `Recording.check` finds.
     """
     rules = load_mapping(mapping)
-    columns = read_joined(file, also, rules.csv.format())
+    columns = read_joined(file, also, rules.csv)
     job = _Import(Path(file), rules, columns)
     provenance: dict[str, Any] = {
         "imported": {

@@ -107,7 +107,7 @@ def inspect_file(
         MissingDependencyError: its reader needs an extra.
     """
     rules = None if mapping is None else load_mapping(mapping)
-    columns = read_joined(path, also, None if rules is None else rules.csv.format())
+    columns = read_joined(path, also, None if rules is None else rules.csv)
     joined = {part for name in columns if " + " in name for part in name.split(" + ") if part in columns}
     clocks = {
         name: _clock(columns, name)

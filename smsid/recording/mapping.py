@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from smsid._explain import validated
 from smsid._reading import read_toml
 from smsid.errors import RecordingError
 from smsid.recording._units import alike, check_unit, convert
@@ -52,20 +52,6 @@ class ClockTable(_Table):
         if self.column is not None and self.start != 0.0:
             raise ValueError("start belongs to a rate; a column has its own")
         return self
-
-
-class CsvTable(_Table):
-    """``[csv]``: what cannot be found out from the file itself."""
-
-    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
-    decimal: Literal[".", ","] | None = None
-    skip_rows: Annotated[int, Field(ge=0)] = 0
-    names: tuple[str, ...] | None = None
-    missing: tuple[Text, ...] = ()
-
-    def format(self) -> CsvFormat:
-        """Give it as the readers take it."""
-        return CsvFormat(self.delimiter, self.decimal, self.skip_rows, self.names, self.missing)
 
 
 class ChannelTable(_Table):
@@ -130,7 +116,7 @@ class ImportMapping(_Table):
     recording: RecordingTable = RecordingTable()
     time: ClockTable | None = None
     clock: dict[str, ClockTable] = Field(default_factory=dict)
-    csv: CsvTable = CsvTable()
+    csv: CsvFormat = CsvFormat()
     channel: Annotated[dict[str, ChannelTable], Field(min_length=1)]
 
 
@@ -171,13 +157,12 @@ def mapping_path(source: str | os.PathLike[str]) -> Path:
 
 def parse_mapping(tree: dict[str, Any], where: str = "The mapping") -> ImportMapping:
     """Validate a mapping given as a dictionary; raise `RecordingError` as `load_mapping`."""
-    try:
-        mapping = ImportMapping.model_validate(tree)
-    except ValidationError as error:
-        problems = [_problem(dict(item)) for item in error.errors()]
+    if not tree.get("channel"):
         raise RecordingError(
-            f"{where}: {'; '.join(problems)}.", advice="Mend the mapping.", problems=tuple(problems)
-        ) from error
+            f"{where}: no channel is mapped.",
+            advice="In a draft, take away the '# ' of the tables you have checked.",
+        )
+    mapping = validated(ImportMapping, tree, where, RecordingError, advice="Mend the mapping.")
     check_mapping(mapping, where)
     return mapping
 
@@ -268,24 +253,3 @@ def _contradiction(table: ChannelTable, quantity: Quantity) -> tuple[str, str] |
     if table.attitude and not table.attitude.endswith(".attitude"):
         return (f"'{table.attitude}' is not an attitude", "Name a channel '<source>.attitude'.")
     return None
-
-
-def _problem(item: dict[str, Any]) -> str:
-    place = ".".join(str(part) for part in item["loc"])
-    if place == "channel" and item["type"] in ("missing", "too_short"):
-        return "no channel is mapped: in a draft, take away the '# ' of the tables you have checked"
-    if item["type"] == "extra_forbidden":
-        key = str(item["loc"][-1])
-        close = difflib.get_close_matches(key, _KEYS, n=1)
-        return f"unknown key '{place}'" + (f" (did you mean '{close[0]}'?)" if close else "")
-    message = str(item["msg"]).removeprefix("Value error, ")
-    return f"'{place}': {message[:1].lower()}{message[1:]}" if place else message
-
-
-_KEYS = sorted(
-    {
-        key
-        for table in (ImportMapping, RecordingTable, ClockTable, CsvTable, ChannelTable)
-        for key in table.model_fields
-    }
-)

@@ -9,10 +9,11 @@ import numpy as np
 from smsid.arm.comparison import JudgedArm
 from smsid.arm.units import joint_unit
 from smsid.errors import SmsidError
+from smsid.identify.estimate_text import asked_for
 from smsid.recording import Recording
 from smsid.report.model import Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import share
-from smsid.report.parameters import identifiability, parameter_table, reported_parameters
+from smsid.report.parameters import identifiability, parameter_table
 from smsid.report.residuals import explored
 from smsid.report.spectra import spectrum_grid
 from smsid.report.traces import Trace
@@ -23,7 +24,7 @@ WELL = 0.1  # relative torque error on data not identified from, up to which the
 
 def arm_report(found: JudgedArm, recordings: Sequence[Recording], origin: Provenance) -> Report:
     """Return the report of an arm's identification; it is judged by ``recordings``, its own first."""
-    own = reported_parameters(found.estimate)
+    own = asked_for(found.estimate)
     good = sum(p.status == "identifiable" for p in own)
     groups = {r.name: torque_traces(found, r) for r in recordings}
     judged = [(r, found.judge(r)) for r in recordings]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from smsid.description.schema import Description
@@ -11,16 +11,20 @@ from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import FoundCause, Value
 from smsid.estimation.parameter_vector import Point
-from smsid.identify.estimate import Estimate
+from smsid.export.bodies import urdf_bodies
+from smsid.identify.estimate import Estimate, ParameterEstimate
+from smsid.identify.estimate_text import asked_for
+from smsid.identify.parameter_estimate import parse_combination
+from smsid.model import build_model
+from smsid.model.regressor import INERTIAL_NAMES, body_names
 from smsid.recording import Recording
 from smsid.report.diagnose import share_sections
 from smsid.report.diagnosis_shares import Shares
+from smsid.report.diagnosis_tables import plain_words, quantity, strength
 from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, unit
 from smsid.report.open_loop import OpenLoop, most_different, story_section
-from smsid.report.parameters import interval_cell, reported_parameters
-from smsid.report.plain_words import plain_words, quantity, strength
-from smsid.report.truth import TrueWorld, described_bodies
+from smsid.report.parameters import interval_cell
 
 DESCRIBED, IDENTIFIED, EXTENDED = "as described", "identified", "with the cause"
 
@@ -135,7 +139,7 @@ def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
         out.append(
             f"What the simulation gets wrong: driven by the same torques, the described craft strays. {told}."
         )
-    good = sum(p.status == "identifiable" for p in reported_parameters(craft.estimate))
+    good = sum(p.status == "identifiable" for p in asked_for(craft.estimate))
     text = (
         f"Identified: the description is a guess that is off by several per cent. {good} parameters are "
         "found to better than 10 %"
@@ -192,7 +196,7 @@ def cause_section(craft: Craft) -> Section:
 
 def values_section(craft: Craft) -> Section:
     """Return the identified parameters beside the wrong guess and the truth."""
-    own = [p for p in reported_parameters(craft.estimate) if p.status == "identifiable"]
+    own = [p for p in asked_for(craft.estimate) if p.status == "identifiable"]
     bodies = described_bodies(craft.description)
     effects = {name: value for name, value in craft.parameters.items() if name not in bodies}
     world = TrueWorld(craft.parameters, bodies, effects)
@@ -225,3 +229,50 @@ def _glance(craft: Craft, seen: OpenLoop | None) -> tuple[tuple[str, str], ...]:
             was, now = (number(seen.rms(c, m), 2) for m in (DESCRIBED, EXTENDED))
             out.append((f"{c.name}, error on the other flight", f"{was} → {now} {unit(c.unit)}"))
     return tuple(out)
+
+
+@dataclass(frozen=True)
+class TrueWorld:
+    """Single parameters of a world by name, beside what the description said of its bodies.
+
+    ``bodies`` are the true inertial parameters of the URDF's bodies, ``described`` the description's, by
+    ``<body>.<symbol>``; ``values`` other true values by the names that estimates use. Nothing is said of
+    combinations with a body in ``unsaid``: one whose appendages differ, too, say.
+    """
+
+    bodies: Mapping[str, float]
+    described: Mapping[str, float]
+    values: Mapping[str, float] = field(default_factory=dict)
+    unsaid: tuple[str, ...] = ()
+
+    def value(self, p: ParameterEstimate) -> float | None:
+        """Return the true value of a parameter or of a combination of inertial ones; ``None`` if not known.
+
+        A combination is taken apart: its described value, and for every term by how much the world differs.
+        That two groups of an estimate may give one name to different things does no harm.
+        """
+        if p.name in self.values:
+            return self.values[p.name]
+        terms = parse_combination(p.name)
+        if terms is None or p.nominal is None:
+            return None
+        known = self.bodies.keys() & self.described.keys()
+        if any(n not in known or n.split(".")[0] in self.unsaid for n in terms):
+            return None
+        return p.nominal + sum(f * (self.bodies[n] - self.described[n]) for n, f in terms.items())
+
+    def values_of(self, parameters: Iterable[ParameterEstimate]) -> dict[str, float]:
+        """Return the true values by the parameters' names, of those that are known."""
+        found = {p.name: self.value(p) for p in parameters}
+        return {name: value for name, value in found.items() if value is not None}
+
+
+def described_bodies(description: Description) -> dict[str, float]:
+    """Return the inertial parameters of the URDF's bodies by ``<body>.<symbol>``, as they stand there."""
+    model = build_model(description)
+    names = dict(zip(list(model.pin.names)[1:], body_names(model.pin), strict=True))
+    return {
+        f"{names[joint]}.{symbol}": float(x)
+        for joint, theta in urdf_bodies(description).items()
+        for symbol, x in zip(INERTIAL_NAMES, theta, strict=True)
+    }

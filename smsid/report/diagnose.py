@@ -12,18 +12,17 @@ import numpy as np
 from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, Diagnosed
 from smsid.diagnose.priors import nominal
-from smsid.diagnose.result import Diagnosis
+from smsid.diagnose.result import Diagnosis, Remaining
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
-from smsid.report.diagnosis_map import LEVEL, Tested, diagnosis_map, evidence
+from smsid.report.diagnosis_map import LEVEL, diagnosis_map, evidence
 from smsid.report.diagnosis_shares import Shares, alias_matrix, rescore, share_map, share_ranking, shares_of
-from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
+from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, plain_words, remaining_table
 from smsid.report.model import Part, Provenance, Report, Section, Table, Text, Tone, notes_section
 from smsid.report.numbers import number, share
 from smsid.report.open_loop import OpenLoop, story_section
-from smsid.report.plain_words import plain_words
 from smsid.report.residuals import explored
 from smsid.report.spectra import spectrum_grid
 from smsid.report.traces import Trace, rotation_vectors
@@ -134,7 +133,7 @@ def causes_section(d: Diagnosis) -> Section:
     return Section("causes", "Causes", tables, f"{len(d.causes)} named" if d.causes else "none named")
 
 
-def map_section(tests: Mapping[str, Sequence[Tested]], level: float) -> list[Section]:
+def map_section(tests: Mapping[str, Sequence[Remaining]], level: float) -> list[Section]:
     """Return the maps of equation by dependence, before any cause and with the causes; none without tests."""
     before, after = tests.get("nominal", ()), tests.get("extended", ())
     if not before:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable
-from typing import Protocol, TypeVar
+from dataclasses import dataclass
+from typing import TypeVar
 
 from scipy.stats import chi2
 
+from smsid.diagnose.result import Remaining
 from smsid.report.heat import HeatCell, HeatMap, step_of
 from smsid.report.model import Figure
 from smsid.report.numbers import number
@@ -34,38 +36,20 @@ BEYOND = 300.0
 """Evidence from which on a p-value is too small for a floating-point number."""
 
 
-class Placed(Protocol):
-    """Something found at an equation or channel that may depend on something."""
+@dataclass(frozen=True)
+class Place:
+    """An equation or channel, what it may depend on, and the share [0, 1] of the misfit that it explains."""
 
-    @property
-    def where(self) -> str:
-        """The equation or channel."""
-        ...
-
-    @property
-    def dependence(self) -> str:
-        """What it may depend on."""
-        ...
+    where: str
+    dependence: str
+    share: float
+    freedom: int
 
 
-class Tested(Placed, Protocol):
-    """A generic test: an equation or channel against what it may depend on."""
-
-    @property
-    def ratio(self) -> float:
-        """Chi-squared."""
-        ...
-
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom."""
-        ...
+At = TypeVar("At", Remaining, Place)
 
 
-At = TypeVar("At", bound=Placed)
-
-
-def evidence(test: Tested, tests: int) -> float:
+def evidence(test: Remaining, tests: int) -> float:
     """Return minus the decimal logarithm of a test's p-value, corrected for ``tests``; zero at least."""
     if not test.freedom:
         return 0.0
@@ -73,7 +57,7 @@ def evidence(test: Tested, tests: int) -> float:
 
 
 def diagnosis_map(
-    name: str, title: str, tests: Iterable[Tested], *, level: float = LEVEL, caption: str = ""
+    name: str, title: str, tests: Iterable[Remaining], *, level: float = LEVEL, caption: str = ""
 ) -> Figure | None:
     """Return the map of all generic tests, or ``None`` when there are none.
 
@@ -140,7 +124,7 @@ def _natural(text: str) -> list[object]:
     return [int(x) if x.isdigit() else x for x in re.split(r"(\d+)", text)]
 
 
-def _cell(test: Tested | None, tests: int, limit: float) -> HeatCell:
+def _cell(test: Remaining | None, tests: int, limit: float) -> HeatCell:
     if test is None:
         return HeatCell()
     strength = evidence(test, tests)

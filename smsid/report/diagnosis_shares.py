@@ -16,7 +16,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, Prior, evaluate
 from smsid.estimation.sensitivities import propagate
 from smsid.report.axes import Axis, ticks_of
-from smsid.report.diagnosis_map import column_of, row_of, strongest_by_place
+from smsid.report.diagnosis_map import Place, column_of, row_of, strongest_by_place
 from smsid.report.heat import HeatCell, HeatMap, correlation_map, step_of
 from smsid.report.model import Figure
 from smsid.report.numbers import share
@@ -157,16 +157,6 @@ def label(c: Candidate) -> str:
 
 LOGGER = logging.getLogger(__name__)
 TELLING = 0.05  # share above which the strongest place counts as one
-
-
-@dataclass(frozen=True)
-class Place:
-    """An equation or channel, what it may depend on, and the share [0, 1] of the misfit that it explains."""
-
-    where: str
-    dependence: str
-    share: float
-    freedom: int
 
 
 @dataclass(frozen=True)

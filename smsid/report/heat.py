@@ -35,11 +35,6 @@ class HeatMap:
     corner: str = ""
     square: bool = False
 
-    @property
-    def kind(self) -> str:
-        """Name of its template."""
-        return "heat"
-
     def table(self) -> list[tuple[str, Sequence[HeatCell]]]:
         """Return every row's name with its cells."""
         return list(zip(self.rows, self.cells, strict=True))

@@ -14,6 +14,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.fit_quality import ChannelFit
 from smsid.estimation.identify import Identified
 from smsid.identify.estimate import Estimate, Iteration
+from smsid.identify.estimate_text import asked_for
 from smsid.identify.paper.pipeline import Identification
 from smsid.likelihood.refine import Refinement
 from smsid.model import build_model
@@ -32,7 +33,7 @@ from smsid.report.model import (
     notes_section,
 )
 from smsid.report.numbers import number, raised
-from smsid.report.parameters import correlations, parameter_section, reported_parameters
+from smsid.report.parameters import correlations, parameter_section
 from smsid.report.plot import Curve, Plot, Rule
 from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
 from smsid.report.spectra import spectrum_grid
@@ -59,11 +60,22 @@ def identify_report(
         origin: versions, command, files.
     """
     estimate = refined.estimate if refined is not None else linear.estimate
-    left, problem = residual_section(description, recordings, linear, refined)
-    sections = identify_sections(description, recordings, linear, refined, left, problem)
+    left: Sequence[Residuals] = ()
+    own = asked_for(estimate)
+    sections = [parameter_section(own, "Mass, slosh, appendages and single inertial parameters")]
+    try:
+        left = residuals_of(description, recordings, linear, refined)
+        sections += residual_sections(left) if left else []
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("residuals: %s", error)
+        text = Text((f"Not evaluated: {error}",))
+        sections.append(Section("residuals", "Measured against simulated", (text,)))
+    sections += convergence_section(estimate.history)
+    sections += _modes(description, recordings, linear)
+    sections += _aliases(refined)
+    sections += notes_section((*linear.estimate.notes, *estimate.notes))
     sentence, tone = verdict(estimate, left)
-    good = [p for p in reported_parameters(estimate) if p.status == "identifiable"]
-    glance = [("identifiable", f"{len(good)} of {len(reported_parameters(estimate))}")]
+    glance = [("identifiable", f"{sum(p.status == 'identifiable' for p in own)} of {len(own)}")]
     if "total.mass" in estimate:
         glance.append(("total mass", f"{number(estimate['total.mass'].value, 6)} kg"))
     worst = worst_ratio(left)
@@ -72,29 +84,6 @@ def identify_report(
     glance += [("time", f"{number(seconds, 3)} s")]
     method = "maximum likelihood" if refined is not None else "the paper's linear method"
     return Report(f"Identification by {method}", description.name, sentence, tone, sections, origin, glance)
-
-
-def identify_sections(
-    description: Description,
-    recordings: Sequence[Recording],
-    linear: Identification,
-    refined: Refinement | None,
-    left: Sequence[Residuals],
-    problem: str,
-) -> tuple[Section, ...]:
-    """Return the sections of an identification."""
-    estimate = refined.estimate if refined is not None else linear.estimate
-    single = "Mass, slosh, appendages and single inertial parameters"
-    out = [parameter_section(reported_parameters(estimate), single)]
-    if left:
-        out += residual_sections(left)
-    elif problem:
-        text = Text((f"Not evaluated: {problem}",))
-        out.append(Section("residuals", "Measured against simulated", (text,)))
-    out += convergence_section(estimate.history)
-    out += _modes(description, recordings, linear)
-    out += _aliases(refined)
-    return (*out, *notes_section((*linear.estimate.notes, *estimate.notes)))
 
 
 def residual_sections(left: Sequence[Residuals]) -> list[Section]:
@@ -113,7 +102,7 @@ def residual_sections(left: Sequence[Residuals]) -> list[Section]:
 
 def verdict(estimate: Estimate, left: Sequence[Residuals]) -> tuple[str, Tone]:
     """Return one sentence on an identification, and what it is worth."""
-    own = reported_parameters(estimate)
+    own = asked_for(estimate)
     weak = [p.name for p in own if p.status != "identifiable"]
     good = len(own) - len(weak)
     sentence = f"{good} of {len(own)} parameters are identified to better than 10 % (one standard deviation)"
@@ -133,20 +122,6 @@ def worst_ratio(left: Sequence[Residuals]) -> tuple[str, float] | None:
     """Return the channel with the largest residual beside its noise, with the ratio."""
     pairs = [(t.name, t.whitened_rms) for r in left for t in r.traces if t.sigma]
     return max(pairs, key=lambda x: x[1]) if pairs else None
-
-
-def residual_section(
-    description: Description,
-    recordings: Sequence[Recording],
-    linear: Identification,
-    refined: Refinement | None,
-) -> tuple[tuple[Residuals, ...], str]:
-    """Return what is left of the recordings, or why that cannot be told."""
-    try:
-        return residuals_of(description, recordings, linear, refined), ""
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("residuals: %s", error)
-        return (), str(error)
 
 
 def _modes(
@@ -176,7 +151,7 @@ def _modes(
 def _aliases(refined: Refinement | None) -> list[Section]:
     if refined is None:
         return []
-    own = reported_parameters(refined.estimate)
+    own = asked_for(refined.estimate)
     figure = correlations("correlation", refined.estimate.parameters[: len(own)],
                           refined.covariance[: len(own), : len(own)])  # fmt: skip
     lines = tuple(raised(d.text) for d in refined.unseen)
@@ -246,7 +221,7 @@ def flights_report(description: Description, found: Identified, origin: Provenan
         origin: versions, command, files.
     """
     estimate, quality = found.estimate, found.quality
-    own = reported_parameters(estimate)
+    own = asked_for(estimate)
     sections: list[Section] = []
     if quality is not None:
         text = [quality.sentence, *(c.sentence for c in found.contradictions)]

@@ -9,8 +9,7 @@ import numpy as np
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.result import Value
-from smsid.identify.estimate import IDENTIFIABLE_BELOW, Estimate, ParameterEstimate
-from smsid.identify.estimate_text import asked_for
+from smsid.identify.estimate import IDENTIFIABLE_BELOW, ParameterEstimate
 from smsid.report.axes import Axis
 from smsid.report.heat import correlation_map
 from smsid.report.model import Cell, Figure, Section, Table, Tone, cells
@@ -21,11 +20,6 @@ STATUS: dict[str, Tone] = {"identifiable": "good", "not_identifiable": "warn"}
 SMALLEST = 1e-7  # relative: shares below are drawn at the end of the axis
 ROWS = 70
 ALIASES = 15
-
-
-def reported_parameters(estimate: Estimate) -> tuple[ParameterEstimate, ...]:
-    """Return the parameters of a spacecraft in an estimate: no nuisances, no second view of the same."""
-    return asked_for(estimate)
 
 
 def parameter_table(title: str, parameters: Iterable[ParameterEstimate]) -> Table:

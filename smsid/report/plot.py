@@ -60,11 +60,6 @@ class Plot:
     height: int = 280
 
     @property
-    def kind(self) -> str:
-        """Name of its template."""
-        return "plot"
-
-    @property
     def legend(self) -> tuple[tuple[str, int, str], ...]:
         """Label, colour and style of every named curve and band."""
         out = {}

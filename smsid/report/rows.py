@@ -55,11 +55,6 @@ class RowChart:
     legend: Sequence[tuple[str, int, str]] = ()
     rules: Sequence[tuple[float, str]] = ()
 
-    @property
-    def kind(self) -> str:
-        """Name of its template."""
-        return "rows"
-
     def place(self, value: float | None) -> float:
         """Return where a value stands [%], what is beyond the axis at its end."""
         if value is None or math.isnan(value):

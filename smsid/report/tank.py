@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.lab.tank import COUNTS, TankFit, TankTest
-from smsid.lab.tank_diagnosis import ABOVE
-from smsid.lab.tank_models import LEVEL, TankComparison
+from smsid.lab.tank_models import ABOVE, LEVEL, TankComparison
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import half, number, unit

@@ -68,11 +68,6 @@ class Traces:
     budget: int = BUDGET
 
     @property
-    def kind(self) -> str:
-        """Name of its template."""
-        return "traces"
-
-    @property
     def upper(self) -> Plot:
         """The trace shown at first, measured and simulated."""
         t = self.traces[self.first]

@@ -9,7 +9,7 @@ from smsid.sensing.filters import (
     zero_phase_transposed,
 )
 from smsid.sensing.observe import add_noise, observe, sample_times
-from smsid.sensing.sensor import MEASURES, Sensor, preset, preset_names, preset_source
+from smsid.sensing.sensor import MEASURES, Sensor, preset, preset_names
 
 __all__ = [
     "MEASURES",
@@ -20,7 +20,6 @@ __all__ = [
     "observe",
     "preset",
     "preset_names",
-    "preset_source",
     "sample_times",
     "settling_time",
     "uniform_rate",

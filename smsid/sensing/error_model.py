@@ -30,9 +30,6 @@ Triple = tuple[Finite, Finite, Finite]
 GAUSS_MARKOV_ALLAN_PEAK = 0.6173642831444414
 """Peak of the Allan deviation of a first-order Gauss-Markov process, in units of its standard deviation."""
 
-GAUSS_MARKOV_ALLAN_PEAK_TIME = 1.892617778469084
-"""Averaging time of that peak, in correlation times."""
-
 COARSEST_ATTITUDE = 0.5
 """Steps of a quaternion's components are below it: the largest of them may be no larger, and none be left."""
 

@@ -258,19 +258,6 @@ def preset(name: str, kind: str | None = None) -> dict[str, Any]:
     return copy.deepcopy(entry)
 
 
-def preset_source(name: str, kind: str | None = None) -> str:
-    """Return where the numbers of a preset come from: what was seen, what is typical, what is assumed.
-
-    Args:
-        name: one of `preset_names`.
-        kind: kind of the sensor; needed for a preset that covers several.
-
-    Raises:
-        DescriptionError: as `preset`.
-    """
-    return str(_entry(name, kind)["source"])
-
-
 def _entry(name: str, kind: str | None) -> dict[str, Any]:
     table = _table()
     kinds = [of for known, of in table if known == name]

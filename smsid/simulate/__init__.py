@@ -9,16 +9,13 @@ if TYPE_CHECKING:
     from smsid.inputs.changed import Delayed, Switched
     from smsid.inputs.inputs import Inputs, JointMotion
     from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Steps, Sum
-    from smsid.simulate.fixed_step import ClosedLoop, Controller, simulate_closed_loop
+    from smsid.simulate.fixed_step import simulate_closed_loop
     from smsid.simulate.integrate import Tolerance, simulate
-    from smsid.simulate.trajectory import Audit, States, Trajectory
+    from smsid.simulate.trajectory import States, Trajectory
     from smsid.simulate.truth import truth_of
 
 __all__ = [
-    "Audit",
-    "ClosedLoop",
     "Constant",
-    "Controller",
     "Delayed",
     "Fourier",
     "Inputs",

@@ -12,16 +12,13 @@ from smsid.view.export import export_html
 from smsid.view.live import LiveView, show
 from smsid.view.look import Look
 from smsid.view.main import played, simulated_twin, write_view
-from smsid.view.motion import Motion
-from smsid.view.replay import Companion, Replay, replay
+from smsid.view.replay import Replay, replay
 from smsid.view.scene import Scene, build_scene
 from smsid.view.video import export_video
 
 __all__ = [
-    "Companion",
     "LiveView",
     "Look",
-    "Motion",
     "Replay",
     "Scene",
     "build_scene",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from smsid.model.spacecraft import JointGroup, SpacecraftModel
+from smsid.model.spacecraft import JointGroup, SpacecraftModel, motion_columns
 from smsid.view.drivers import Driver, Frames, VectorDriver, centre_poses
 from smsid.view.momentum import Momenta
 from smsid.view.motion import Motion
@@ -95,14 +95,8 @@ def _momenta(model: SpacecraftModel, root: str, found: Momenta, length: float) -
 
 def joint_axis(model: SpacecraftModel, joint: int) -> np.ndarray | None:
     """Return the unit axis (3,) a joint turns about, in its own axes; None for one that does not turn."""
-    kind = model.pin.joints[joint]
-    if kind.nv != 1:
-        return None
-    data, rates = kind.createData(), np.zeros(model.nv)
-    rates[kind.idx_v] = 1.0
-    kind.calc(data, pin.neutral(model.pin), rates)
-    angular = np.asarray(data.v.angular, dtype=float).ravel()
-    return angular if np.linalg.norm(angular) > 0.5 else None
+    turning = motion_columns(model.pin, joint)[3:]
+    return turning[:, 0] if turning.shape[1] == 1 and turning.any() else None
 
 
 def _per(length: float, vectors: np.ndarray) -> float:

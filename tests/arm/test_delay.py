@@ -10,9 +10,9 @@ import pytest
 from scipy.io import loadmat
 
 from smsid.arm import identify_arm, with_friction_laws, with_joint_effects
-from smsid.arm.delay import delay_column, torque_means
 from smsid.arm.identify import rigid_arm
 from smsid.arm.smooth_motion import smooth_motion
+from smsid.arm.solve import delay_column, torque_means
 from smsid.recording import Recording
 
 from .test_one_joint import axis

@@ -44,7 +44,7 @@ def test_an_interruption_says_how_to_go_on(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("smsid.campaign.main.run_campaign", interrupted)
+    monkeypatch.setattr("smsid.campaign.run.run_campaign", interrupted)
     result = CliRunner().invoke(app, ["campaign", str(make_plan()), "-o", str(tmp_path / "c.jsonl")])
     assert result.exit_code != 0
     assert "goes on from there" in result.output.replace("\n", " ")

@@ -10,7 +10,6 @@ import pytest
 from scipy import stats
 
 from smsid.campaign import load_campaign, prepare
-from smsid.campaign.methods import known_methods, reference_of, register
 from smsid.errors import DescriptionError, ExperimentError
 
 Plan = Callable[..., Path]
@@ -147,16 +146,6 @@ def test_missing_files_and_bad_toml_are_named(make_plan: Plan, tmp_path: Path) -
     broken.write_text("name = [")
     with pytest.raises(ExperimentError, match="not valid TOML"):
         load_campaign(broken)
-
-
-def test_methods_are_registered_by_name() -> None:
-    register("for_this_test", "json:dumps")
-    assert "for_this_test" in known_methods()
-    assert reference_of("for_this_test") == "json:dumps"
-    with pytest.raises(ExperimentError, match="not free"):
-        register("for_this_test", "json:loads")
-    with pytest.raises(ExperimentError, match="worker processes"):
-        register("local", lambda case: case)
 
 
 def test_example_is_a_good_plan(urdf: Path) -> None:

@@ -17,8 +17,7 @@ from smsid.control.statespace import StateSpace
 from smsid.control.wheels import WheelLayout
 from smsid.description import Description, load_description
 from smsid.model import SpacecraftModel, build_model
-from smsid.simulate.chart_derivative import ChartDerivative
-from smsid.simulate.integrate import initial_state
+from smsid.simulate.integrate import ChartDerivative, initial_state
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 

@@ -22,7 +22,7 @@ from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics, perturbed
 from smsid.control.robust_term import design_robust_term
 from smsid.control.sensed import SensedState, measured_truth
-from smsid.control.trajectory import Reference, minimum_jerk, trapezoid
+from smsid.control.trajectory import Motion, Reference, minimum_jerk, trapezoid
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError
 from smsid.model import build_model
@@ -81,7 +81,7 @@ def test_an_initial_error_decays_as_the_error_dynamics_say(coordinates):
     first = law.command(0.0, measured_truth(model, _at(model, reference), np.zeros(model.nv))).error
     assert np.abs(first).min() > 0.1
 
-    class Switched:
+    class Switched(Motion):
         size, duration = 6, 4.0
 
         def at(self, t):

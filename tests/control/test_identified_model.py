@@ -19,9 +19,9 @@ from smsid.description import load_description
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import ControlError
-from smsid.identify.combination_name import parse_combination
 from smsid.identify.estimate import Estimate, classify
 from smsid.identify.momentum_rows import carried_by_bus
+from smsid.identify.parameter_estimate import parse_combination
 from smsid.model.regressor import Regressor
 
 ARM = [np.array(x) for x in ([0.4, -0.6, 0.9], [0.0, 0.0, 0.0], [1.2, 0.7, -1.5])]

@@ -7,12 +7,12 @@ import pytest
 from control_cases import paper
 
 from smsid.control.trajectory import (
+    Motion,
     Reference,
     Shaped,
     check_joints,
     design_motion,
     minimum_jerk,
-    sampled_motion,
     shaper,
     trapezoid,
 )
@@ -143,18 +143,21 @@ def test_bad_input_is_refused(make):
         make()
 
 
-@pytest.mark.parametrize(
-    "motion",
-    [
-        Reference(trapezoid([0.1, 0.2]), (0.1, 0.0, -0.2)),
-        Reference(trapezoid([0.1]), base=minimum_jerk([0.0, 0.1, 0.2], [0.3, 0.0, 0.1], 7.0)),
-        Reference(Shaped(trapezoid([0.1, 0.2]), shaper("zv", [0.8]))),
-    ],
-)
-def test_sampled_is_at_for_every_time(motion):
-    times = np.array([-1.0, 0.0, 3.3, 7.0, 13.0, 20.0, 25.0, 60.0, 79.9, 80.0, 90.0])
-    exact = np.array([motion.at(float(t)) for t in times])
-    np.testing.assert_allclose(sampled_motion(motion, times), exact, rtol=0.0, atol=1e-15)
+class Own(Motion):
+    """A motion of a user's own, which gives `at` alone."""
+
+    size, duration = 2, 5.0
+
+    def at(self, t):
+        return np.array([t, t**2]), np.array([1.0, 2.0 * t]), np.array([0.0, 2.0])
+
+
+def test_a_motion_that_gives_one_time_gives_many():
+    times = np.array([0.0, 1.0, 4.0])
+    found = Reference(Own(), (0.1, 0.0, -0.2)).sampled(times)
+    np.testing.assert_array_equal(found[:, 0, 3:], np.stack([times, times**2], axis=1))
+    np.testing.assert_array_equal(found[:, 1, 3:], np.stack([np.ones(3), 2.0 * times], axis=1))
+    np.testing.assert_array_equal(found[:, 0, :3], np.tile([0.1, 0.0, -0.2], (3, 1)))
 
 
 RAIL = """<robot name="r"><link name="bus"><inertial><mass value="50"/>

@@ -183,7 +183,7 @@ def test_what_is_missing_is_named(tmp_path):
         described(tmp_path, "p.f06", ", root = 1, nodes = [17]")
     with pytest.raises(DescriptionError, match="node 99"):
         described(tmp_path, "p.f06", ", nodes = [99], damping = 0.01")
-    with pytest.raises(DescriptionError, match=r"'rood'"):
+    with pytest.raises(DescriptionError, match=r"rood: unknown key \(did you mean 'root'"):
         described(tmp_path, "p.f06", ", rood = 1")
     (tmp_path / "q.f06").write_text(f06(1.0).split("F O R C E S")[0])
     with pytest.raises(DescriptionError, match="SPCFORCES"):

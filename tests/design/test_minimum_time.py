@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from smsid.design.minimum_time import minimum_time_design
-from smsid.design.watch import Watch
+from smsid.design.minimum_time import Watch, minimum_time_design
 from smsid.errors import ExperimentError
 
 

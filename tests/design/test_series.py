@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from smsid.design.limits import Limits
 from smsid.design.moving import SeriesSpace
 from smsid.inputs.signals import sample
+from smsid.model import build_model
 
 TIMES = np.linspace(0.0, 40.0, 4001)
 
@@ -41,3 +42,15 @@ def test_long_coefficients_reach_a_limit(model):
     angle, rate = (sample(s, TIMES) for s in (inputs.joint_motion.position, inputs.joint_motion.velocity))
     use = np.maximum(np.abs(angle).max(axis=0) / 3.1, np.abs(rate).max(axis=0) / 0.5)
     np.testing.assert_allclose(use, 1.0, rtol=2e-3)
+
+
+def test_a_tilted_wheel_reaches_its_rate(model):
+    axis = (0.5**0.5, 0.5, 0.5)
+    wheels = tuple(w.model_copy(update={"axis": axis}) for w in model.description.wheel)
+    tilted = build_model(model.description.model_copy(update={"wheel": wheels}))
+    space = SeriesSpace(tilted, Limits(wheel_rate=1.0, margin=0.0), 40.0, 5, 2)
+    torque = space.experiment(10.0 * space.random(np.random.default_rng(0))).inputs().wheel_torque
+    assert torque is not None
+    push = sample(torque, TIMES)
+    spin = np.cumsum(0.5 * (push[1:] + push[:-1]), axis=0) * 0.01 / 0.159
+    np.testing.assert_allclose(np.abs(spin).max(axis=0), 1.0, rtol=2e-3)

@@ -12,7 +12,7 @@ from smsid.export import with_estimate
 from smsid.identify import identify
 from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.estimate import Estimate, classify
-from smsid.identify.identified import identified_modes
+from smsid.identify.modes import identified_modes
 from smsid.identify.momentum_rows import carried_by_bus, carried_matrix
 from smsid.likelihood.parameters import Parameters
 from smsid.model import build_model

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smsid.identify.identified import SAME_MODE, match_modes
+from smsid.identify.modes import SAME_MODE, match_modes
 
 
 def modes(*frequencies: float) -> list:

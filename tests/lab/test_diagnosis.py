@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from smsid.cli.app import app
 from smsid.lab import Oscillator, compare_tank_models, tank_test
 from smsid.lab.oscillator_diagnosis import diagnose_oscillator
-from smsid.lab.tank_diagnosis import tank_diagnosis
+from smsid.lab.tank_models import tank_diagnosis
 
 from . import test_command, test_tank
 from .test_oscillator import RATE, N, multisine, output

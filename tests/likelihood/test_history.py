@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.likelihood import Nuisance, refine
-from smsid.likelihood.fit import fit
-from smsid.likelihood.history import history_of
+from smsid.likelihood.fit import fit, history_of
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import Evaluation, Point
 from smsid.likelihood.prior import Prior

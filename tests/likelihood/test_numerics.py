@@ -16,9 +16,8 @@ from smsid.errors import DescriptionError
 from smsid.likelihood.channels import Channel, gram_root
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor, tangent
-from smsid.likelihood.runge_kutta import PLACES, A, B, C, stage_values, transitions
 from smsid.likelihood.spline import DEGREE, Samples, along, basis_sums, fit_motion
-from smsid.likelihood.time_grid import Timeline
+from smsid.likelihood.time_grid import PLACES, A, B, C, Timeline, stage_values, transitions
 
 
 def bodies() -> list[np.ndarray]:

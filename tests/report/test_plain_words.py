@@ -6,8 +6,8 @@ import pytest
 
 from smsid.diagnose import Alias, Diagnosis, FoundCause, Value
 from smsid.effects import Effect, catalogue
+from smsid.report.diagnosis_tables import cause_in_words, plain_words
 from smsid.report.numbers import with_half
-from smsid.report.plain_words import cause_in_words, plain_words
 
 REFERENCES = {"reference"}
 

@@ -7,8 +7,8 @@ import numpy as np
 from smsid.cli.demo import identify_craft
 from smsid.datasets import demonstration
 from smsid.identify.estimate import classify
-from smsid.report.parameters import reported_parameters
-from smsid.report.truth import TrueWorld, described_bodies
+from smsid.identify.estimate_text import asked_for
+from smsid.report.demo import TrueWorld, described_bodies
 
 
 def test_a_combination_is_taken_apart_whatever_else_has_its_name():
@@ -36,7 +36,7 @@ def test_the_bundled_craft_is_identified_from_its_wrong_guess():
     world = TrueWorld(
         which.parameters, bodies, {k: v for k, v in which.parameters.items() if k not in bodies}
     )
-    own = [p for p in reported_parameters(refinement.estimate) if p.status == "identifiable"]
+    own = [p for p in asked_for(refinement.estimate) if p.status == "identifiable"]
     truth = world.values_of(own)
     assert len(own) == len(truth) > 20
     off = np.array([(p.value - truth[p.name]) / p.sigma for p in own])

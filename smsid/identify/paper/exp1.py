@@ -24,9 +24,13 @@ from smsid.identify.paper.exp1_result import (
     participation_along,
     tank_marks,
 )
-from smsid.identify.paper.mode_noise import REPLICATES, mode_sigmas
 from smsid.identify.paper.motion import raw_rates
-from smsid.identify.paper.noise_replicates import add_noise_replicate, covariance_of_moves
+from smsid.identify.paper.noise_replicates import (
+    REPLICATES,
+    add_noise_replicate,
+    covariance_of_moves,
+    mode_sigmas,
+)
 from smsid.identify.paper.rest import check_at_rest
 from smsid.identify.paper.translation import AxisEstimate
 from smsid.identify.robust import white_sigma

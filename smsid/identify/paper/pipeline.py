@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.errors import NotIdentifiableError, RecordingError
@@ -18,7 +18,7 @@ from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
 from smsid.identify.gap_filling import LONGEST, Mended, fill_gaps
-from smsid.identify.identified import identified_modes
+from smsid.identify.modes import identified_modes
 from smsid.identify.paper.exp1 import identify_translation
 from smsid.identify.paper.exp1_described import check_moves
 from smsid.identify.paper.exp1_result import TranslationResult
@@ -45,6 +45,7 @@ class Identification:
     momentum: MomentumResult | None
 
 
+@single_threaded
 def identify(
     description: Description,
     recordings: Sequence[Recording],
@@ -64,13 +65,6 @@ def identify(
     Raises `RecordingError` for unusable recordings, `NotIdentifiableError` for recordings that cannot
     identify what is asked.
     """
-    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in each other's way
-        return _identify(description, recordings, modal, refine_pose_point, replicates)
-
-
-def _identify(
-    description: Description, recordings: Sequence[Recording], modal: Modal, refine: bool, replicates: bool
-) -> Identification:
     started = time.perf_counter()
     given = description
     model = described = build_model(given)  # first: effects that do not fit their panel are refused by name
@@ -129,7 +123,7 @@ def _identify(
             modal=modal,
             perturbed=perturbed,
             described=described,
-            refine=refine,
+            refine=refine_pose_point,
             rate=20.0 if replicates else 10.0,
             replicates=replicates,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -73,11 +73,7 @@ class RowSums:
             size = float(np.trace(covariance))
             noise = covariance + 1e-12 * size * np.eye(len(covariance)) if size > 0.0 else None
         found = solve_factor(factor / scale, rows, noise=noise, names=names)
-        x = found.x / scale[:-1]
-        solution = TlsSolution(
-            x, found.covariance, found.sigma, found.singular_values, found.condition, found.rows, found.status
-        )
-        return solution, inverse_root(factor[:, :-1])
+        return replace(found, x=found.x / scale[:-1]), inverse_root(factor[:, :-1])
 
 
 @dataclass

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from smsid.recording.checks.consistency import channel_findings
-from smsid.recording.checks.finding import Finding
+from smsid.recording.checks.sample_faults import Finding
 
 if TYPE_CHECKING:
     from smsid.recording.recording import Recording

@@ -12,7 +12,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smsid.recording._attitude import conjugate, multiply, rotate, rotation_vector, slerp
+from smsid.recording._attitude import conjugate, rotate, slerp, turn_between
 from smsid.recording._clock import Gap, find_gaps
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +134,7 @@ class KinematicPair:
     def _between(self, begins: slice, ends: slice) -> FloatArray:
         before, after = self.x[begins], self.x[ends]
         if self.kind == "attitude":
-            return rotation_vector(multiply(conjugate(before), after))
+            return turn_between(before, after)
         if self.attitude is None:
             return after - before
         times, values = self.attitude

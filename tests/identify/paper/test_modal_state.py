@@ -15,7 +15,7 @@ from twins.state import State
 
 from smsid.description import load_description
 from smsid.errors import NotIdentifiableError
-from smsid.identify.identified import identified_modes
+from smsid.identify.modes import identified_modes
 from smsid.identify.paper.hidden_states import hidden_states
 from smsid.identify.paper.modal_state import ModalState, integrate_accelerometers, smooth_modes
 from smsid.identify.paper.motion import prepare

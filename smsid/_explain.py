@@ -5,32 +5,52 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from smsid.effects.base import Effect, known_effect
-from smsid.errors import DescriptionError, SmsidError
+from smsid.errors import SmsidError
+
+M = TypeVar("M", bound=BaseModel)
 
 
-def explain_validation(
-    cause: ValidationError,
-    path: Path | str,
-    error: type[SmsidError] = DescriptionError,
+def validated(
+    model: type[M],
+    tables: Mapping[str, Any],
+    where: str,
+    error: type[SmsidError],
     *,
-    model: type[BaseModel] | None = None,
-    tables: Mapping[str, Any] | None = None,
-) -> SmsidError:
-    """Return the error of class ``error`` that says what pydantic found wrong in the file ``path``.
+    advice: str = "",
+    folder: Path | None = None,
+) -> M:
+    """Return the tables of a TOML as what they describe; ``folder`` is where relative paths in it start.
 
-    ``model`` is what was validated and ``tables`` the data: with both, places carry the names of the tables
-    and an unknown key gets the closest key of the very table it stands in. Without ``model``, it is looked up
-    by the title of the report. The problems are also in ``evidence["problems"]``, one sentence each.
+    An unknown key gets the closest key of the very table it stands in.
+
+    Raises:
+        SmsidError: of the kind ``error``, that says what pydantic found wrong in ``where``; the problems are
+            also in ``evidence["problems"]``, one sentence each.
     """
-    root = model or _model_titled(cause.title)
+    if folder is not None and "folder" in tables:
+        raise error(
+            f"{where} has the unknown key 'folder'.",
+            advice="Paths start at the folder of the file; remove it.",
+        )
+    try:
+        return model.model_validate(tables if folder is None else {**tables, "folder": folder})
+    except ValidationError as cause:
+        problems = _problems(cause, model, tables)
+        raise error(
+            f"{where} is not as the schema wants it: " + "; ".join(problems) + ".",
+            advice=advice,
+            problems=problems,
+        ) from cause
+
+
+def _problems(cause: ValidationError, model: type[BaseModel], tables: Mapping[str, Any]) -> list[str]:
     problems = []
     for item in cause.errors():
-        place, known, is_table = _locate(item["loc"], root, tables)
+        place, known, is_table = _locate(item["loc"], model, tables)
         message = item["msg"].removeprefix("Value error, ").rstrip(".")
         given = item.get("input")
         if item["type"] == "extra_forbidden":
@@ -43,21 +63,15 @@ def explain_validation(
         elif isinstance(given, str | int | float | bool) and item["type"] != "smsid":
             message = f"{message}, not {given!r}"
         problems.append(f"{place}: {message}")
-    return error(
-        f"'{path}' is not as the schema wants it: " + "; ".join(problems) + ".",
-        advice="See docs/description.md for every key." if error is DescriptionError else "",
-        problems=problems,
-    )
+    return problems
 
 
-def _locate(
-    loc: Sequence[int | str], root: type[BaseModel] | None, tables: Any
-) -> tuple[str, list[str], bool]:
+def _locate(loc: Sequence[int | str], root: type[BaseModel], tables: Any) -> tuple[str, list[str], bool]:
     """Return a place's name, the keys of the table it stands in, and whether the place is a list of
     tables."""
     words: list[str] = []
-    model, here = root, tables
-    annotation: Any = None
+    model: type[BaseModel] | None = root
+    here, annotation = tables, None
     for depth, part in enumerate(loc):
         last = depth == len(loc) - 1
         here = _step(here, part)
@@ -103,8 +117,8 @@ def _field(model: type[BaseModel] | None, key: str) -> Any:
 def _table_model(annotation: Any, table: Any) -> type[BaseModel] | None:
     """Return the model behind an annotation; for an effect, the class of the table's kind."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        if issubclass(annotation, Effect) and isinstance(table, Mapping):
-            return known_effect(str(table.get("kind", ""))) or annotation
+        if isinstance(table, Mapping) and "kind" in table:
+            return _of_kind(annotation, table["kind"]) or annotation
         return annotation
     for inner in get_args(annotation):
         found = _table_model(inner, table)
@@ -126,11 +140,10 @@ def _nearest(key: str, known: Sequence[str]) -> str:
     return f" (known here: {', '.join(known)})" if known else ""
 
 
-def _model_titled(title: str) -> type[BaseModel] | None:
-    waiting = list(BaseModel.__subclasses__())
-    while waiting:
-        model = waiting.pop()
-        if model.__name__ == title and model.__module__.startswith("smsid."):
-            return model
-        waiting.extend(model.__subclasses__())
+def _of_kind(model: type[BaseModel], kind: object) -> type[BaseModel] | None:
+    for own in model.__subclasses__():
+        if own.model_fields["kind"].default == kind:
+            return own
+        if deeper := _of_kind(own, kind):
+            return deeper
     return None
