@@ -29,7 +29,6 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 RATE = 10.0  # [1/s] of the samples that are looked at
-LOOKED = 40.0  # [s] of a recording that are
 CLEAR = 0.5  # of the errors as recorded, below which what is left tells that a column is wrong
 FITTED = 0.5  # the same of their squares where parameters are fitted
 LIKELY = 3  # hypotheses, the likeliest, whose parameters are fitted where none is clear without
@@ -42,31 +41,8 @@ Mended = Callable[[np.ndarray], np.ndarray]
 def wrong_columns(description: Description, recordings: Sequence[Recording]) -> list[str]:
     """Return which joints, wheels or commands seem to have a wrong sign or column, and the mend, in words."""
     point = Point.of(description)
-    found = (_wrong_column(point, _liveliest(order_columns(r, point.base))) for r in recordings)
+    found = (_wrong_column(point, order_columns(r, point.base)) for r in recordings)
     return [words for words in found if words]
-
-
-def _liveliest(recording: Recording) -> Recording:
-    """Return that part of a recording, `LOOKED` long, in which what drives and moves it varies most."""
-    groups = (*OF_JOINTS, *OF_WHEELS, "force", "torque")
-    channels = [c for c in recording.channels if c.partition(".")[2] in groups]
-    clocks = [recording.time(c) for c in channels]
-    first, last = (f((f(t) for t in clocks if len(t)), default=0.0) for f in (min, max))
-    starts = np.arange(first, max(last - LOOKED, first) + 0.25 * LOOKED, 0.5 * LOOKED)
-
-    def varies(start: float) -> float:
-        total = 0.0
-        for c, t in zip(channels, clocks, strict=True):
-            values = np.asarray(recording[c], dtype=float).reshape(len(t), -1)
-            own = values[(t >= start) & (t <= start + LOOKED)]
-            spread = np.maximum(np.nanstd(values, axis=0), 1e-12)
-            total += float(np.sum(np.nanstd(own, axis=0) / spread)) if len(own) > 1 else 0.0
-        return total
-
-    if last - first <= LOOKED or len(starts) < 2:
-        return recording
-    start = float(max(starts, key=varies))
-    return recording.window(start, start + LOOKED)
 
 
 def _wrong_column(point: Point, recording: Recording) -> str:
