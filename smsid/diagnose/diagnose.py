@@ -57,8 +57,6 @@ from smsid.recording._checks import Contradictions
 
 LOGGER = logging.getLogger(__name__)
 RATE = 25.0  # [Hz]
-SENSOR_FAULTS = ("stuck", "outlier", "sign", "scale", "delay")
-"""Kinds of contradictions between channels that are hypotheses: they are explained, not refused."""
 
 
 @short_repr
@@ -263,7 +261,7 @@ def _doubts(recordings: Sequence[Recording]) -> list[str]:
     found = [(r, r.contradictions().findings) for r in recordings]
     for recording, findings in found:
         if not recording.provenance.get("unchecked"):
-            Contradictions(tuple(f for f in findings if f.kind not in SENSOR_FAULTS)).refuse()
+            Contradictions(tuple(f for f in findings if not f.of_a_sensor)).refuse()
     return [f"'{r.name}' is doubtful: {said}" for r, own in found for said in Contradictions(own).sentences]
 
 

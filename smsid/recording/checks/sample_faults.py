@@ -29,6 +29,13 @@ class Finding:
     sentence: str
     mend: str
 
+    @property
+    def of_a_sensor(self) -> bool:
+        """Whether a sensor that fails gives it, a hypothesis to a diagnosis; others are units and axes."""
+        return OF_A_SENSOR.get(self.kind, False)
+
+
+OF_A_SENSOR = dict.fromkeys(("stuck", "outlier", "sign", "scale", "delay"), True)
 
 FloatArray = NDArray[np.float64]
 
