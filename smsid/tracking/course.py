@@ -46,7 +46,7 @@ class Course:
         if self.kept:
             self.legs.append(Leg([(-np.inf, f.at.values)], np.zeros(2 * f.nv)))
 
-    def enter(self, f: ParameterFilter, passed: tuple[np.ndarray, ...]) -> None:
+    def enter(self, f: ParameterFilter, passed: tuple) -> None:
         """Take note of what is filtered next, edges (n,) and the rest: see `ParameterFilter.go_on`."""
 
     def look(self, f: ParameterFilter, first: float) -> tuple[float, bool]:

@@ -35,7 +35,7 @@ class Finding:
         return OF_A_SENSOR.get(self.kind, False)
 
 
-OF_A_SENSOR = dict.fromkeys(("stuck", "outlier", "sign", "scale", "delay"), True)
+OF_A_SENSOR: dict[str, bool] = dict.fromkeys(("stuck", "outlier", "sign", "scale", "delay"), True)
 
 FloatArray = NDArray[np.float64]
 
