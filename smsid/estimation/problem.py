@@ -123,7 +123,7 @@ class Problem:
 
     @property
     def given(self) -> np.ndarray:
-        """Rows of readings (rows,) that follow unknown inputs: the likelihood is of the others beside them.
+        """Whether readings (rows,) follow unknown inputs; the likelihood is of the others beside them.
 
         Source: the partial likelihood of Cox, Biometrika 62 (1975) 269.
         """
