@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,7 @@ from smsid.cli.errors import Outcome
 from smsid.cli.options import Output, RecordingOutput, ShowAll
 from smsid.cli.output import console, say, working
 from smsid.cli.places import Writes
-from smsid.errors import RecordingError, SmsidError
+from smsid.errors import OutputError, RecordingError, SmsidError
 
 if TYPE_CHECKING:
     from smsid.recording import Recording
@@ -223,6 +224,13 @@ def convert_command(
     from smsid.recording.tables import mcap_mapping, save_mcap, save_table, table_mapping
 
     log = _usable(load_recording(recording))
+    imported = log.provenance.get("imported") or {}
+    if output.is_file() and sha256(output.read_bytes()).hexdigest() == imported.get("sha256"):
+        raise OutputError(
+            f"'{output}' is the log that '{recording}' was imported from.",
+            advice="What was measured is not replaced: name another output.",
+            path=str(output),
+        )
     with working("writing"):
         mapping = output.with_suffix(".toml")
         if output.suffix.lower() == ".mcap":

@@ -325,3 +325,16 @@ def test_a_second_diagnosis_leaves_the_extended_description_of_the_first(tmp_pat
     first.write_text("{}")
     assert _extended_beside(first) == (tmp_path / "extended.toml",)  # its own is replaced
     assert _extended_beside(second) == (tmp_path / "second.extended.toml",)
+
+
+def test_a_recording_is_not_converted_over_the_log_it_was_imported_from(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{0.1 * k:.1f},0,{0.001 * k},0\n" for k in range(60))
+    Path("log.csv").write_text(f"t,wx,wy,wz\n{rows}")
+    columns = '[channel."imu.angular_rate"]\ncolumns = ["wx", "wy", "wz"]\nunit = "rad/s"\nframe = "body"\n'
+    Path("map.toml").write_text(f'[time]\ncolumn = "t"\nunit = "s"\n{columns}')
+    before = Path("log.csv").read_bytes()
+    assert call(["import", "log.csv", "--map", "map.toml", "-o", "log.nc"], monkeypatch, capsys)[0] == 0
+    code, err = call(["convert", "log.nc", "-o", "log.csv"], monkeypatch, capsys)
+    assert code == 1 and "was imported from" in err and Path("log.csv").read_bytes() == before
+    assert call(["convert", "log.nc", "-o", "again.csv"], monkeypatch, capsys)[0] == 0
