@@ -11,6 +11,7 @@ import numpy as np
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.identify_flights import _search
+from smsid.estimation.loosening import thinned
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Timing
 from smsid.tracking.followed_parameters import Followed
@@ -28,7 +29,7 @@ def linearise_by_search(
     linearisation changes: means and covariances stay what they are.
     """
     f = tracker.filter
-    begun = _beginning(flight, seconds, f.followed)
+    begun = thinned(_beginning(flight, seconds, f.followed))  # where to be linear takes no more
     unknowns = []
     sought = [i for i, x in enumerate(f.followed) if x.of < 0]
     for i in sought:
