@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -219,13 +218,13 @@ def convert_command(
     ],
 ) -> Outcome:
     """Write a recording as CSV, Parquet or MCAP (ROS 2), and beside it the mapping that imports it again."""
-    from smsid._files import atomic_write
+    from smsid._files import atomic_write, sha256
     from smsid.recording import load_recording
     from smsid.recording.tables import mcap_mapping, save_mcap, save_table, table_mapping
 
     log = _usable(load_recording(recording))
     imported = log.provenance.get("imported") or {}
-    if output.is_file() and sha256(output.read_bytes()).hexdigest() == imported.get("sha256"):
+    if output.is_file() and sha256(output) == imported.get("sha256"):
         raise OutputError(
             f"'{output}' is the log that '{recording}' was imported from.",
             advice="What was measured is not replaced: name another output.",

@@ -94,8 +94,8 @@ def track_command(
         bool,
         typer.Option(
             "--smooth",
-            help="also say what is known of each time from all that was read, before and after; takes two to "
-            "five times as long",
+            help="also say what is known of each time from all that was read, before and after: the filter "
+            "runs a few times more",
         ),
     ] = False,
     save: SavedTracker = None,

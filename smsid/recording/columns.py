@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +31,12 @@ class Columns(dict[str, NDArray[Any]]):
         *,
         blank: Mapping[str, NDArray[np.bool_]] | None = None,
         units: Mapping[str, str] | None = None,
+        times: Collection[str] = (),
     ) -> None:
         super().__init__(arrays or {})
         self.blank: dict[str, NDArray[np.bool_]] = dict(blank or {})
         self.units: dict[str, str] = dict(units or {})
-        self.times: set[str] = set()
+        self.times: set[str] = set(times)
 
     def missing(self, name: str) -> NDArray[np.bool_]:
         """Tell the rows in which a column has no sample: (N,) bool."""

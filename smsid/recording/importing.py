@@ -170,7 +170,12 @@ class _Import:
                     if column in blank:
                         blank[column] = blank[column][::-1]
         if turned:
-            self.columns = Columns({**self.columns, **turned}, blank=blank, units=self.columns.units)
+            self.columns = Columns(
+                {**self.columns, **turned},
+                blank=blank,
+                units=self.columns.units,
+                times=self.columns.times,
+            )
 
     def joint_kinds(self) -> dict[str, list[str]]:
         """Return the labels of joints that slide, in metres or newtons, and of those that surely turn.
@@ -370,13 +375,6 @@ class _Import:
                 self._clocks[key] = table.start + np.arange(samples) / table.rate
             else:
                 assert table.column is not None and table.unit is not None
-                if (own := self.columns.units.get(table.column)) == "s" and table.unit != "s":
-                    raise RecordingError(
-                        f"{self.file}, {where}: '{table.column}' is in {own}, as dates are read or the file "
-                        f"says, not in {table.unit}.",
-                        advice="State unit = 's'.",
-                        column=table.column,
-                    )
                 times = np.squeeze(self._numbers(table.column, where))
                 if times.ndim != 1:
                     raise RecordingError(
@@ -384,6 +382,15 @@ class _Import:
                         advice="Name the column of times.",
                     )
                 self._clocks[key] = convert(times, table.unit, "s", f"{self.file}, {where}")
+                if table.column in self.columns.times and not np.array_equal(
+                    self._clocks[key], times, equal_nan=True
+                ):
+                    raise RecordingError(
+                        f"{self.file}, {where}: '{table.column}' holds dates or times of the day, which are "
+                        f"read in s, not in {table.unit}.",
+                        advice="State unit = 's'.",
+                        column=table.column,
+                    )
         return self._clocks[key]
 
     def _numbers(self, column: str, where: str) -> FloatArray:

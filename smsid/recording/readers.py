@@ -93,11 +93,12 @@ def read_joined(
                     column=name,
                 )
         blank, units = {**more.blank, **joined.blank}, {**more.units, **joined.units}
-        times = joined.times | more.times
         joined = Columns(
-            {**joined, **{n: x for n, x in more.items() if n not in joined}}, blank=blank, units=units
+            {**joined, **{n: x for n, x in more.items() if n not in joined}},
+            blank=blank,
+            units=units,
+            times=joined.times | more.times,
         )
-        joined.times |= times
     return joined
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from smsid.errors import RecordingError
+from smsid.errors import SimulationError
 from smsid.kernel.filter_arrays import Record
 from smsid.tracking.course import Course, Jump, Leg
 from smsid.tracking.jump_runs import reach_of_jump
@@ -104,10 +104,10 @@ class Retraced(Course):
         self._beginnings: list[tuple[np.ndarray, np.ndarray]] = []  # what was believed where legs begin
 
     def begun(self, f: ParameterFilter) -> None:
-        """Begin where the first run found that the motion began; raises `RecordingError` for one too many."""
+        """Begin where the first run found that the motion began; raises `SimulationError` once too often."""
         self._leg += 1
         if self._leg >= len(self.legs):
-            raise RecordingError("The motion begins more often than at first.", advice="Report this.")
+            raise SimulationError("The motion begins more often than at first.", advice="Smooth parts of it.")
         leg = self.legs[self._leg]
         before, nv, x = self._stretch, f.nv, len(f.covariance)
         shift = np.zeros(x)
@@ -165,7 +165,7 @@ class Retraced(Course):
         """Keep a row of the filter as it is now; the next stretch begins here."""
         stretch = self._stretch
         if stretch is None:
-            raise RecordingError("No motion has begun.", advice="Begin one.")
+            raise SimulationError("No motion has begun.", advice="Begin one.")
         if self._fresh:
             self._fresh = False
             self._beginnings.append(self._began)

@@ -100,7 +100,8 @@ class TrackHistory:
 
     def estimate(self) -> Estimate:
         """Return what is known at the end, as an estimate with its covariance; trends are no part of it."""
-        kept = [i for i, name in enumerate(self.names) if not name.endswith(".trend")]
+        trends = {f"{name}.trend" for name in self.names}
+        kept = [i for i, name in enumerate(self.names) if name not in trends]
         table = zip(self.names, self.values[-1], self.units, self.sigmas[-1], self.described, strict=True)
         rows = (row for i, row in enumerate(table) if i in kept)
         return Estimate(

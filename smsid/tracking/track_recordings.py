@@ -11,7 +11,7 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from smsid.description.schema import Description
-from smsid.errors import RecordingError, SimulationError
+from smsid.errors import RecordingError, SimulationError, SmsidError
 from smsid.estimation.commands_between_samples import with_timing
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.identify_flights import labels_of
@@ -161,8 +161,9 @@ def _track(
     smoothed = None
     if smooth:
         try:
-            smoothed = _smoothed(new, tracker, flown, rows)
-        except SimulationError as error:
+            smoothed, unsettled = _smoothed(new, tracker, flown, rows)
+            notes += unsettled
+        except SmsidError as error:
             notes.append(f"nothing is smoothed: {error}")
     history = TrackHistory(
         description.name,
@@ -198,16 +199,15 @@ def _smoothed(
     tracker: Tracker,
     flown: Sequence[tuple[Flight, Recording, float | None]],
     rows: _Rows,
-) -> SmoothedTrack:
-    """Return what is known at the rows from all that was read, by other trackers along the course of one.
+) -> tuple[SmoothedTrack, list[str]]:
+    """Return what is known at the rows from all that was read, by other trackers along the course of one, and
+    a note where that did not settle.
 
     Raises `SimulationError` where the motion was lost: nothing is known of what came before by what came
     after.
     """
-    if lost := [e for e in tracker.log.last if e.kind == "lost"]:
-        raise SimulationError(
-            f"The motion was lost at {lost[0].time:.6g} s.", advice="Track what came before and after alone."
-        )
+    if tracker.log.counts.get("lost"):
+        raise SimulationError("The motion was lost.", advice="Track what came before and after alone.")
     times, legs = rows.stack("own_time"), rows.stack("leg")
     course: Course | None = tracker.course
     wanted, found = [times[legs == k] for k in range(len(tracker.course.legs))], []
@@ -220,14 +220,14 @@ def _smoothed(
         found, course = along.smoothed()
         if course is None:
             break
-    else:
-        LOGGER.info("models were still moving after %d smoothings", SMOOTHINGS)
     model, widening, out = rows.model, rows.watch.widening, []
     for row in found:
         nv, sigma = model.nv, np.sqrt(np.maximum(row.covariance.diagonal(), 0.0))
         own = widening * row.scales * sigma[len(sigma) - len(row.values) :]
         out.append((row.values, own, _place(model, row.q), sigma[:nv], row.v, sigma[nv : 2 * nv]))
-    return SmoothedTrack(*(np.array(x) for x in zip(*out, strict=True)))
+    unsettled = f"what is smoothed still moved after {SMOOTHINGS} rounds: its bands may be too narrow"
+    whole = SmoothedTrack(*(np.array(x) for x in zip(*out, strict=True)))
+    return whole, [] if course is None else [unsettled]
 
 
 def _all_hear(

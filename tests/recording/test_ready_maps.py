@@ -234,7 +234,9 @@ def test_dates_are_seconds_whatever_a_mapping_says(tmp_path):
     text = '[time]\ncolumn = "UTC"\nunit = "{}"\n[channel."extra.x"]\ncolumns = ["x"]\nunit = "1"\n'
     (tmp_path / "s.toml").write_text(text.format("s"))
     (tmp_path / "ms.toml").write_text(text.format("ms"))
+    (tmp_path / "second.toml").write_text(text.format("second"))
+    import_recording(tmp_path / "log.csv", tmp_path / "second.toml")
     found = import_recording(tmp_path / "log.csv", tmp_path / "s.toml")
     assert np.ptp(found.time()) == pytest.approx(5.9)
-    with pytest.raises(RecordingError, match="is in s"):
+    with pytest.raises(RecordingError, match="read in s, not in ms"):
         import_recording(tmp_path / "log.csv", tmp_path / "ms.toml")
