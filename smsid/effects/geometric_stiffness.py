@@ -47,9 +47,16 @@ class GeometricStiffness(BeamEffect):
     factor: float = physical("1", default=1.0, description="share of it: 1 by theory, 0 for the linear beam")
 
     def attach(self, assembly: Assembly) -> None:
-        """Add the inertia of the foreshortening; raises `DescriptionError` unless it is a beam."""
+        """Add the inertia of the foreshortening; raises `DescriptionError` unless it is a beam.
+
+        Of several on one beam the shares add: what is drawn in enters its energy squared.
+        """
         panel, beam = self.beam(assembly)
-        assembly.add_inertia_term(Foreshortening(assembly.model, panel, beam, self.factor))
+        terms = [t for t in assembly.inertias if isinstance(t, Foreshortening) and t.joints == panel.joints]
+        if terms:
+            terms[0].add(self.factor)
+        else:
+            assembly.add_inertia_term(Foreshortening(assembly.model, panel, beam, self.factor))
         drawn = self.factor / beam.mass * drawn_in(beam.length, beam.modes, beam.stations)
         place = assembly.appendages.index(panel)
         before = 0.0 if panel.drawn is None else panel.drawn
@@ -67,9 +74,10 @@ class Foreshortening:
         self.mass, self.stiffness = 0.5 * beam.mass * weights, 0.5 * beam.length * bending * weights
         # shapes are normalised to mean square 1: mass-normalised ones are these over sqrt(mass)
         self.shape = shapes.shape(self.x) / np.sqrt(beam.mass)
-        self.drawn = factor / beam.mass * drawn_in(beam.length, beam.modes, tuple(self.x))
-        both = factor / beam.mass * np.einsum("xi,xj->xij", shapes.slope(self.x), shapes.curvature(self.x))
-        self.curved = both + both.transpose(0, 2, 1)
+        both = np.einsum("xi,xj->xij", shapes.slope(self.x), shapes.curvature(self.x)) / beam.mass
+        drawn = drawn_in(beam.length, beam.modes, tuple(self.x)) / beam.mass
+        self.joints, self.factor, self._full = panel.joints, 0.0, (drawn, both + both.transpose(0, 2, 1))
+        self.add(factor)
         self.parent, self.placement = panel.parent, panel.placement
         self.q = np.array([model.joints[j].idx_q for j in panel.joints])
         self.v = np.array([model.joints[j].idx_v for j in panel.joints])
@@ -80,6 +88,11 @@ class Foreshortening:
         # on a bus without weight, it matters neither where that is nor what the arm does
         alone = self.motion.root and self.motion.still
         self.depends = (self.v, np.r_[:6, self.v]) if alone else None
+
+    def add(self, factor: float) -> None:
+        """Add to the share of the foreshortening that there is."""
+        self.factor += factor
+        self.drawn, self.curved = (self.factor * x for x in self._full)
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
