@@ -16,13 +16,16 @@ from smsid._xacro_arguments import given_arguments
 from smsid.description.finite_elements import with_finite_elements
 from smsid.description.robot_sources import SUFFIXES, is_xacro
 from smsid.description.schema import Description
-from smsid.errors import DescriptionError
+from smsid.description.urdf_check import read_urdf
+from smsid.description.urdf_reading import parse_urdf
+from smsid.errors import DescriptionError, SmsidError
 from smsid.paths import bundled_craft, missing_craft_advice
 
 
 def load_description(path: str | os.PathLike[str]) -> Description:
     """Load a spacecraft from its TOML, or straight from a URDF, xacro, SDF or MJCF.
 
+    An arm's URDF alone, whose root has no mass, stands on the ground (`root = "fixed"`).
     Relative paths start at the file's folder. The name of a spacecraft that comes with smsid (``paper_sms``)
     does as well, where no file has it.
 
@@ -36,11 +39,33 @@ def load_description(path: str | os.PathLike[str]) -> Description:
         raise DescriptionError(f"The file '{file}' does not exist.", advice=missing_craft_advice(str(path)))
     if file.suffix in SUFFIXES:
         name = file.stem.removesuffix(".urdf")
-        return _with_arguments(Description(name=name, urdf=file.name, folder=file.parent, meshes="optional"))
+        bare = Description(name=name, urdf=file.name, folder=file.parent, meshes="optional")
+        return _grounded(_with_arguments(bare))
     tables = with_finite_elements(read_toml(file, DescriptionError), file.parent)
     advice = "See docs/description.md for every key."
     found = validated(Description, tables, f"'{file}'", DescriptionError, advice=advice, folder=file.parent)
     return _with_arguments(found)
+
+
+def _grounded(bare: Description) -> Description:
+    """Return a URDF alone as a machine on the ground where joints of an arm move on a root without mass.
+
+    What cannot be read stays as it is: `smsid.model.build_model` says what is wrong.
+    """
+    path = bare.folder / bare.urdf
+    try:
+        found = parse_urdf(read_urdf(path, bare.arguments, [path.parent, bare.folder]), str(path))
+    except SmsidError:
+        return bare
+    joints = found.joints.values()
+    ground = {found.root}
+    for _ in joints:
+        ground |= {j.child for j in joints if j.kind == "fixed" and j.parent in ground}
+    moving = [j.kind for j in joints if j.parent in ground and j.kind != "fixed"]
+    heavy = any(found.links[name].mass > 0.0 for name in ground)
+    if heavy or not moving or not set(moving) <= {"revolute", "continuous"}:
+        return bare
+    return bare.model_copy(update={"root": "fixed"})
 
 
 def _with_arguments(d: Description) -> Description:
