@@ -107,7 +107,7 @@ class HigherMode(Searched):
         for block in changes.problem.data.blocks:
             if block.sensor.kind == "accelerometers" and block.sensor.appendage == self.location:
                 chosen = station_indices(find_appendage(changes.model, self.location), block.sensor)
-                read = self.seen[chosen] @ block.gain.T
+                read = self.seen[chosen].reshape(-1, len(block.gain)) @ block.gain.T
                 out[:, block.rows] = np.outer(acceleration, read.ravel())
         return out
 

@@ -48,12 +48,12 @@ def differenced(found: NormalEquations, flights: Sequence[Flight]) -> NormalEqua
 
 
 def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
-    """Whether slope and curvature by the effects' parameters are, about, those by differences.
+    """Whether slope and curvature by parameters of effects and sensors are, about, those by differences.
 
     All samples are asked about parameters of which fewer do not say so. Raises `SimulationError` where a
     filter loses its recording.
     """
-    which = np.array([i for i, u in enumerate(found.unknowns) if u.kind == "effect"], dtype=int)
+    which = np.array([i for i, u in enumerate(found.unknowns) if u.kind in ("effect", "sensor")], dtype=int)
     fewer = [thinned(f) for f in flights]
     counts = [sum(len(f.problem.data.times) for f in x) for x in (flights, fewer)]
     if len(which) and counts[1] < counts[0]:

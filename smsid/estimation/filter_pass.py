@@ -170,9 +170,10 @@ class Parameters(Protocol):
     """Parameters (m,) that are states of the filter, in units of ``scales``; its model is at ``values``.
 
     ``rates`` (m,) are variances by which they wander in a second, over the scales squared; ``trends`` are as
-    in `smsid.kernel.filter_arrays.Parameters`.
+    in `smsid.kernel.filter_arrays.Parameters`, as is ``close``.
     """
 
+    close: float
     values: np.ndarray
     scales: np.ndarray
     rates: np.ndarray
@@ -416,7 +417,7 @@ def reference(
         d = (state.values - parameters.values) / parameters.scales
         off[first:] = d
         own = p[first:, first:]
-        if (np.abs(d) > CLOSE * np.sqrt(own.diagonal())).any():
+        if (np.abs(d) > parameters.close * np.sqrt(own.diagonal())).any():
             size = np.sqrt(np.maximum(own.diagonal(), 1e-300))
             scaled = np.linalg.solve(own / np.outer(size, size) + ROUND * np.eye(len(d)), d / size)
             off[:first] = p[:first, first:] @ (scaled / size)

@@ -17,11 +17,11 @@ class FilterRun:
     ``innovations`` (N, rows) whitened, zero where nothing was measured; ``whitening`` (N, rows, rows) takes
     errors of the prediction to them; ``gain`` (N, x, rows), ``sensitivity`` H (N, rows, x) and
     ``transition`` F (N - 1, x, x), ``forcing`` Psi[:, nv:] (N - 1, x, nv) propagate a small change
-    of the x = 2 nv states and the unknown inputs. ``by_a`` (N, rows, nv): measurement by acceleration.
-    ``states`` are the predictions at the samples, ``middle`` the states between them; ``inverse`` and
-    ``middle_inverse`` (., nv, nv) their inverse mass matrices. ``errors`` (N, rows) are measured minus
-    ``predicted``; ``normalised`` the same in their own
-    standard deviations, not decorrelated. ``used`` (N, rows): what took part. ``edges`` are the times of the
+    of the x = 2 nv states, the unknown inputs and biases that wander. ``by_a`` (N, rows, nv): measurement by
+    acceleration. ``states`` are the predictions at the samples, ``middle`` the states between them;
+    ``inverse`` and ``middle_inverse`` (., nv, nv) their inverse mass matrices. ``errors`` (N, rows) are
+    measured minus ``predicted``; ``normalised`` the same in their own standard deviations, not decorrelated.
+    ``used`` (N, rows): what took part. ``edges`` are the times of the
     samples and, where more follow, of the next one: there are then N transitions. The rows ``given`` (rows,)
     are no part of the likelihood, which is of the others beside them. ``begins`` are the samples with which
     recordings begin, where there are several.

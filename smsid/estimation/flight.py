@@ -10,13 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.errors import RecordingError
+from smsid.estimation.bias_walk import bias_walks, with_walk_noise
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.input_hold import input_channels, mixed, stepwise
 from smsid.estimation.input_timing import timings
-from smsid.estimation.measurements import ChannelSlice, Measured, measurements_of
+from smsid.estimation.measurements import OUTLIER, WIDTH, ChannelSlice, Measured, measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Noise, Problem, Timing, UnknownInput
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
+from smsid.identify.sensor_correction import without_known_errors
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -30,7 +32,6 @@ STILL = 5.0  # standard deviations of its noise within which a joint or an attit
 WINDOW = 0.5  # [s] of a reading whose polynomial gives its acceleration and jerk
 SHORTEST = 20  # samples a flight needs
 WIDEST = 20  # readings of a component from twice which on its outliers can be told
-READINGS = 8.0  # standard deviations of its stated noise that an outlier is off by at least
 
 Drive = Literal["command", "measured", "locked"]
 
@@ -73,8 +74,9 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     drove a joint that is neither measured nor still.
     """
     options = options or FlightOptions()
-    doubts = [f"doubtful: {said}" for said in recording.check_consistency()]
     model, sensors = point.base, point.description.effective_sensors()
+    known = without_known_errors(recording, sensors)
+    doubts = [f"doubtful: {said}" for said in known.check_consistency()]
     recording = order_columns(recording, model)
     data = measurements_of(model, recording, sensors, longest_step(model))
     if len(data.times) < SHORTEST:
@@ -83,7 +85,9 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
             advice="Record longer.",
             samples=len(data.times),
         )
+    doubts += _without_noise(data)
     data, dropped = _without_outliers(data)
+    data = with_walk_noise(data)
     inputs = input_channels(model, recording)
     drives, notes = _drives(point, recording, data, inputs, options)
     locked = np.array(sorted(v for v, how in drives.items() if how == "locked"), dtype=int)
@@ -98,10 +102,38 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         substep=longest_substep(data),
         begin=initial_belief(model, data, locked, options.initial, reading_uncertainty(point, data)),
         unknown_inputs=(*unknown, *further),
+        bias_walks=bias_walks(data),
     )
-    notes += held + dropped + doubts
+    notes += held + dropped + doubts + _left_out(data)
     names = {int(v): n for g in (model.arm_joints, model.wheels) for n, v in zip(g.names, g.v, strict=True)}
     return Flight(label, model, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
+
+
+def _without_noise(data: Measured) -> list[str]:
+    """Return which channels repeat one value although noise is stated that would change it."""
+    said = []
+    for block in data.blocks:
+        step = block.sensor.error(block.quantity).quantisation
+        read = data.values[:, block.rows]
+        if block.quantity == "attitude":
+            read = data.attitude[block.channel]
+        read = read[np.isfinite(read).all(axis=1)]
+        # encoders and tachometers may count: what stands still then reads the same
+        if block.quantity in WIDTH and len(read) and step == 0.0 and not np.ptp(read, axis=0).any():
+            said.append(
+                f"doubtful: '{block.channel}' repeats one value, though noise of "
+                f"{data.sigma[block.rows].max():.3g} is stated; leave the channel out"
+            )
+    return said
+
+
+def _left_out(data: Measured) -> list[str]:
+    """Return which stated errors of sensors are not taken into account: axes that differ by station."""
+    return [
+        f"misalignment_sigma of '{b.channel}' is not taken into account: each station has axes of its own"
+        for b in data.blocks
+        if b.stations > 1 and np.any(b.sensor.error(b.quantity).misalignment_sigma)
+    ]
 
 
 def _without_outliers(data: Measured) -> tuple[Measured, list[str]]:
@@ -113,7 +145,7 @@ def _without_outliers(data: Measured) -> tuple[Measured, list[str]]:
         for row in range(block.rows.start, block.rows.stop):
             there = np.flatnonzero(np.isfinite(data.values[:, row]))
             if len(there) > 2 * WIDEST:
-                bad[there, row] = outliers(data.values[there, row], READINGS * data.sigma[row])
+                bad[there, row] = outliers(data.values[there, row], OUTLIER * data.sigma[row])
     if not bad.any():
         return data, []
     notes = [

@@ -50,9 +50,13 @@ def pieces_of(point: Point, flight: Flight) -> list[Flight]:
         attitude = {name: q[here] for name, q in data.attitude.items()}
         own = replace(data, times=data.times[here], values=data.values[here], attitude=attitude)
         begin = problem.begin
+        passed = float(data.times[first] - data.times[0])
+        walks = tuple(w.after(passed) for w in problem.bias_walks)
         if first > read[0]:
             begin = initial_belief(flight.model, own, problem.locked, None, reading_uncertainty(point, own))
-        out.append(replace(flight, problem=replace(problem, data=own, begin=begin), notes=()))
+        out.append(
+            replace(flight, problem=replace(problem, data=own, begin=begin, bias_walks=walks), notes=())
+        )
     if not out:
         return [flight]
     said = f"in pieces between {len(long)} gaps, over which what moves joints and wheels is not known"

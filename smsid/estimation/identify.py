@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
 from smsid.estimation.batch_check import batch_contradictions, batch_quality
@@ -16,6 +18,8 @@ from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate
 from smsid.identify.paper.pipeline import Identification
 from smsid.identify.paper.pipeline import identify as by_the_paper
+from smsid.identify.sensor_correction import without_known_errors
+from smsid.likelihood.channels import BIASED
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.refine import Refinement, refine
 from smsid.recording import Recording
@@ -89,8 +93,9 @@ def identify_spacecraft(
             )
         linear = by_the_paper(description, recordings)
         return Identified(linear.estimate, linear)
-    doubts = consistency_notes(recordings)
-    reason = "asked for" if method == "filter" else _listed(description)
+    sensors = description.effective_sensors()
+    doubts = consistency_notes([without_known_errors(r, sensors) for r in recordings])
+    reason = "asked for" if method == "filter" else _listed(description) or _stated(description, recordings)
     if alone and not reason:
         reason = "single thrusters fire"
     if not reason and options is not None and options != type(options)():
@@ -146,6 +151,19 @@ def _listed(description: Description) -> str:
     """Return which effects only the filter estimates, if there are any."""
     others = [e.name for e in description.effect if not e.by_batch and e.unknowns()]
     return f"parameters of {', '.join(others)} are to be estimated" if others else ""
+
+
+def _stated(description: Description, recordings: Sequence[Recording]) -> str:
+    """Return which errors of sensors, as stated, only the filter takes into account, if there are any."""
+    present = {c for r in recordings for c in r.channels}
+    found = []
+    for sensor in description.effective_sensors():
+        for quantity, channel in zip(sensor.quantities, sensor.channels, strict=True):
+            terms = ["random_walk", "bias_instability", "scale_sigma", "misalignment_sigma"]
+            terms += [] if sensor.kind == "pose" or quantity in BIASED else ["bias_sigma"]
+            named = [t for t in terms if np.any(getattr(sensor.error(quantity), t))]
+            found += [f"{t} of {channel}" for t in named if channel in present]
+    return f"{', '.join(found)} {'is' if len(found) == 1 else 'are'} stated" if found else ""
 
 
 def _started(

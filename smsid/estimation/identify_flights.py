@@ -30,7 +30,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.profile_interval import bound_intervals
 from smsid.estimation.scale_conflict import scale_conflict
 from smsid.estimation.step_size import finely_stepped
-from smsid.estimation.unknowns import biases_of, unknowns_of
+from smsid.estimation.unknowns import sensor_unknowns, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
@@ -119,7 +119,8 @@ def _identify(
     taken = {c for e in modal.effect if e.unknowns() for c in e.biased_channels()}
     for flight in whole:
         present = set(flight.problem.recording.channels)
-        unknowns += biases_of(description.effective_sensors(), present, flight.label, taken)
+        sensors = description.effective_sensors()
+        unknowns += sensor_unknowns(described.base, sensors, present, flight.label, taken)
     if not unknowns:
         raise NotIdentifiableError(
             "Nothing is unknown: all effects are marked `known`, and bodies are.", advice="Free something."
@@ -132,7 +133,7 @@ def _identify(
         quality = fit_quality(found)
         rows = [_as_density(r, densities) for r in reported(found, described)]
         own = len(rows)
-        rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.kind == "bias"]
+        rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.of_recording]
         covariance = np.linalg.inv(found.gram) + doubt
         gradient = np.array([r.gradient for r in rows])
         try:

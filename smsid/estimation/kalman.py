@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import block_diag
 
+from smsid.estimation.bias_walk import BiasWalks
 from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import Applied, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs, log_likelihoods
@@ -57,8 +58,9 @@ def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.in
 class KalmanFilter:
     """The extended Kalman filter over a recording, some samples at a time.
 
-    ``q`` (nq,), ``v`` (nv,), the ``unknown`` inputs (k,) and ``covariance`` (2 nv + k, 2 nv + k) are what is
-    believed of the state at the next sample before it is read. ``input_noise`` (nv,) is the variance of
+    ``q`` (nq,), ``v`` (nv,), the ``unknown`` inputs (k,), the ``values`` of biases that wander (m,) and
+    ``covariance`` (x, x), x = 2 nv + k + m, are what is believed of the state at the next sample before it is
+    read. ``input_noise`` (nv,) is the variance of
     inputs held over a sample, ``walk`` (3, k) that of the unknown inputs per
     second (`walks_of`). Not to be shared between
     threads.
@@ -67,7 +69,11 @@ class KalmanFilter:
     def __init__(self, model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> None:
         self.model, self.problem, self.until = model, problem, until
         self.base = Instance.of(model, problem.data, problem.locked)
+        self.walks = BiasWalks(problem.bias_walks, problem.data.rows) if problem.bias_walks else None
         self.compiled = compiled_model(self.base)
+        if self.compiled is not None and self.walks is not None:
+            own = self.walks.compiled(self.compiled.parameters)
+            self.compiled = self.compiled._replace(parameters=own)
         self.inputs = problem.inputs(model)
         begin = problem.begin
         if begin is None:
@@ -81,7 +87,9 @@ class KalmanFilter:
         self._unknown_at = np.array([u.dof for u in unknown], dtype=int)
         self.walk = walks_of(unknown, problem.timing)
         start = np.diag([u.sigma**2 for u in unknown])
-        self.covariance: np.ndarray = np.asarray(block_diag(covariance, start))
+        wandered = np.diag(np.zeros(0) if self.walks is None else self.walks.begin)
+        self.values = np.zeros(len(wandered))
+        self.covariance: np.ndarray = np.asarray(block_diag(covariance, start, wandered))
         self._readable = _readable(problem)
         self.given = problem.given
         self.order = np.argsort(~self.given, kind="stable")
@@ -113,10 +121,12 @@ class KalmanFilter:
             self.order,
         )
         # what was handed out before stays as it was
-        state = State(self.q.copy(), self.v.copy(), self.unknown.copy(), np.zeros(0), self.covariance.copy())
+        state = State(
+            self.q.copy(), self.v.copy(), self.unknown.copy(), self.values.copy(), self.covariance.copy()
+        )
         drive = forces.drive(self._unknown_at, self.walk, self.input_noise)
-        found = filter_samples(self.base, None, self.compiled, drive, state, own)
-        self.q, self.v, self.unknown, self.covariance = state.q, state.v, state.unknown, state.covariance
+        found = filter_samples(self.base, self.walks, self.compiled, drive, state, own)
+        self.q, self.v, self.unknown, self.values, self.covariance = state
         self._next, self._before = first + n, forces.last
         (q, v, a, tau, inverse), (mid_q, mid_v, mid_a, mid_tau, mid_inverse) = found.at, found.middle
         middle_times = 0.5 * (edges[1:] + edges[:-1])

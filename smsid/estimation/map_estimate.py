@@ -270,6 +270,8 @@ def columns_of(changes: Sensitivities, unknowns: Sequence[Unknown]) -> list[Sens
         if u.kind == "inertial"
         else changes.bias(u)
         if u.kind == "bias"
+        else changes.sensor(u)
+        if u.kind == "sensor"
         else changes.unknown(u)
         for u in unknowns
     ]

@@ -7,16 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.special import erf
 
 from smsid.errors import RecordingError
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.stations import find_appendage, station_indices
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
 WIDTH = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}
 TOGETHER = 0.02  # of a sample interval: readings no further apart are of one moment
 MOST_STEPS = 10_000_000  # between samples in all: beyond, a clock has jumped
+OUTLIER = 8.0  # standard deviations of its stated noise that an outlier is off by at least
 FLOOR = 1e-9  # relative to the channel's spread: noise below it is rounding
 
 
@@ -206,8 +209,9 @@ def measurements_of(
     blocks, columns, sigmas, attitudes, start = [], [], [], {}, 0
     for (sensor, quantity), clock in zip(found, clocks, strict=True):
         channel = f"{sensor.name}.{quantity}"
-        samples = np.asarray(recording[channel], dtype=float)
+        samples = np.array(recording[channel], dtype=float)
         stations = samples.shape[1] if samples.ndim == 3 else 1
+        samples[sensor.error(quantity).meaningless(clock, samples)] = np.nan
         flat = samples.reshape(len(clock), -1)
         placed = _placed(times, clock, flat)
         if quantity == "attitude":
@@ -215,11 +219,17 @@ def measurements_of(
             placed = np.where(np.isnan(placed[:, :3]), np.nan, 0.0)
         rows = slice(start, start + placed.shape[1])
         start = rows.stop
-        names = tuple(f"{channel}[{label}]" for label in _labels(model, sensor, quantity, placed.shape[1]))
+        names = tuple(f"{channel}[{label}]" for label in component_labels(model, sensor, quantity))
+        if len(names) != placed.shape[1]:
+            raise RecordingError(
+                f"'{channel}' has {placed.shape[1]} columns where the description's has {len(names)}.",
+                advice="Do joints, wheels and stations of the description belong to this recording?",
+                channel=channel,
+            )
         blocks.append(_block(sensor, quantity, rows, stations, names))
         columns.append(placed)
         rate = 1.0 / float(np.median(np.diff(clock)))
-        sigmas.append(_noise(sensor, quantity, rate, flat, placed.shape[1]))
+        sigmas.append(_noise(sensor, quantity, rate, samples, placed.shape[1]))
     return Measured(times, np.hstack(columns), attitudes, tuple(blocks), np.concatenate(sigmas))
 
 
@@ -274,23 +284,50 @@ def _placed(times: np.ndarray, clock: np.ndarray, values: np.ndarray) -> np.ndar
     return out
 
 
-def _labels(model: SpacecraftModel, sensor: Sensor, quantity: str, width: int) -> list[str]:
+def component_labels(model: SpacecraftModel, sensor: Sensor, quantity: str) -> tuple[str, ...]:
+    """Return what the rows of a channel are called: joints, wheels, axes, or ``<station>.<axis>``."""
     if quantity in ("joint_position", "joint_velocity"):
-        return list(model.arm_joints.names)
+        return model.arm_joints.names
     if quantity == "wheel_rate":
-        return list(model.wheels.names)
+        return model.wheels.names
     if sensor.kind == "accelerometers":
-        return [f"{i}.{axis}" for i in range(width // 3) for axis in "xyz"]
-    return list("xyz")
+        count = len(station_indices(find_appendage(model, str(sensor.appendage)), sensor))
+        return tuple(f"{i}.{axis}" for i in range(count) for axis in "xyz")
+    return tuple("xyz")
+
+
+def stated_noise(sensor: Sensor, quantity: str, rate: float, shape: tuple[int, ...]) -> np.ndarray:
+    """Return one sigma of readings (N, ...) of a ``shape`` by what is stated, rounding included, one a row.
+
+    Sampled at ``rate`` [Hz]; an attitude's, of shape (N, 4), are those of a rotation vector (3,).
+    """
+    errors = sensor.error(quantity)
+    attitude = quantity == "attitude"
+    whole = (1, 3) if attitude else (1, *shape[1:])
+    step, wild = np.zeros((2, *whole))
+    sigma = np.array(np.broadcast_to(errors.white_sigma(rate), whole))
+    for place, part in errors.parts(whole):
+        step[place] = np.maximum(step[place], part.quantisation)
+        if part.outlier_rate and part.outlier_size:
+            wild[place] += part.outlier_rate * part.outlier_size**2 * _kept(sigma[place] / part.outlier_size)
+    step *= 2.0 if attitude else 1.0
+    return np.sqrt(sigma**2 + step**2 / 12.0 + wild).ravel()
+
+
+def _kept(sigma: np.ndarray) -> np.ndarray:
+    """Return which part of the variance of outliers is that of those within `OUTLIER` of ``sigma``.
+
+    ``sigma`` is in the outliers' own standard deviation; those beyond are left out (`outliers`).
+    """
+    end = OUTLIER * sigma
+    return erf(end / np.sqrt(2.0)) - np.sqrt(2.0 / np.pi) * end * np.exp(-0.5 * end**2)
 
 
 def _noise(sensor: Sensor, quantity: str, rate: float, samples: np.ndarray, width: int) -> np.ndarray:
-    stated = sensor.error(quantity).white_sigma(rate)
-    sigma = np.broadcast_to(stated, (width,)) if stated.size in (1, width) else np.resize(stated, width)
-    step = sensor.error(quantity).quantisation / np.sqrt(12.0) * (2.0 if quantity == "attitude" else 1.0)
-    sigma = np.hypot(sigma, step)
+    sigma = stated_noise(sensor, quantity, rate, samples.shape)
     if (sigma > 0.0).all():
-        return np.array(sigma)
+        return sigma
+    samples = samples.reshape(len(samples), -1)
     third = np.diff(samples[np.isfinite(samples).all(axis=1)], 3, axis=0) / np.sqrt(20.0)
     seen = 1.4826 * np.median(np.abs(third), axis=0)
     seen = np.full(width, 2.0 * seen.max()) if quantity == "attitude" else seen
@@ -300,35 +337,35 @@ def _noise(sensor: Sensor, quantity: str, rate: float, samples: np.ndarray, widt
 
 def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tuple[str, ...]) -> ChannelSlice:
     errors = sensor.error(quantity)
-    width = 3 if quantity in WIDTH else rows.stop - rows.start
-    delay = float(errors.delay) + float(errors.time_offset)
-    still = errors
-    gain, bias, into = np.eye(width), np.zeros(width), np.eye(width)
+    own, axes = rows.stop - rows.start, 3 if quantity in WIDTH else rows.stop - rows.start
+    apart = any("," in key for key in errors.components)  # stations differ
+    shape = (1, stations, axes) if apart else (1, axes)
+    width = own if apart else axes
+    turn = np.kron(np.eye(width // axes), mounting(sensor, quantity, axes))
+    scale, bent, constant = np.zeros((3, *shape))
+    later = []
+    for place, part in errors.parts(shape):
+        bias = np.zeros(shape)
+        bias[place] = part.bias
+        if part.bias_from is None:
+            constant += bias
+        elif bias.any():
+            later.append((part.bias_from, turn @ bias.ravel()))
+        scale[place] += part.scale_error
+        bent[place] += part.scale_slope
+    bias, gain, into = turn @ constant.ravel(), np.eye(width), np.eye(width)
     if quantity == "attitude":
-        whole, part = _begins(np.broadcast_to(np.asarray(errors.bias, dtype=float), 3), errors.bias_from)
-        turn = mounting(sensor, quantity, 3)
-        bias = turn @ (whole + np.asarray(errors.misalignment, dtype=float))
-        part = tuple((start, turn @ x) for start, x in part)
-        return ChannelSlice(sensor, quantity, rows, stations, names, gain, bias, delay, not bias.any(), part)
-    turn = mounting(sensor, quantity, width)
-    if still.misaligned:
-        turn_by = pin.exp3(np.asarray(still.misalignment, dtype=float))
-        gain = into = turn_by.T
-    scale = np.broadcast_to(np.asarray(still.scale_error, dtype=float), (width,))
-    gain = (1.0 + scale)[:, None] * gain
-    bent = np.broadcast_to(np.asarray(still.scale_slope, dtype=float), (width,)).copy()
-    bias, later = _begins(np.broadcast_to(np.asarray(still.bias, dtype=float), (width,)), still.bias_from)
-    for key, own in errors.components.items():
-        if key.isdigit():  # of one axis, joint or wheel
-            gain[int(key)] *= 1.0 + own.scale_error
-            bent[int(key)] += own.scale_slope
-            whole, part = _begins(own.bias * np.eye(width)[int(key)], own.bias_from)
-            bias, later = bias + whole, (*later, *part)
-    gain, bias = turn @ gain @ turn.T, turn @ bias
-    later = tuple((start, turn @ x) for start, x in later)
-    bend = Bend(into @ turn.T, turn, bent) if bent.any() else None
+        bias = bias + turn @ np.asarray(errors.misalignment, dtype=float)
+    else:
+        if errors.misaligned:
+            turned = pin.exp3(np.asarray(errors.misalignment, dtype=float))
+            into = np.kron(np.eye(width // axes), turned.T)
+        gain = turn @ ((1.0 + scale).reshape(-1, 1) * into) @ turn.T
+    bend = Bend(into @ turn.T, turn, bent.ravel()) if bent.any() else None
     plain = bend is None and not bias.any() and np.allclose(gain, np.eye(width), rtol=0.0, atol=1e-15)
-    return ChannelSlice(sensor, quantity, rows, stations, names, gain, bias, delay, plain, later, bend)
+    return ChannelSlice(
+        sensor, quantity, rows, stations, names, gain, bias, errors.lag, plain, tuple(later), bend
+    )
 
 
 def mounting(sensor: Sensor, quantity: str, width: int) -> np.ndarray:
@@ -338,13 +375,6 @@ def mounting(sensor: Sensor, quantity: str, width: int) -> np.ndarray:
     """
     turned = any(sensor.orientation) and quantity in ("acceleration", "angular_rate", "attitude")
     return sensor.rotation if turned else np.eye(width)
-
-
-def _begins(bias: np.ndarray, start: float | None) -> tuple[np.ndarray, tuple[tuple[float, np.ndarray], ...]]:
-    """Return the part of a bias that is there all the time, and the part that begins midway."""
-    if start is None or not bias.any():
-        return bias.copy(), ()
-    return np.zeros_like(bias), ((start, bias.copy()),)
 
 
 def matrix(quaternion: np.ndarray) -> np.ndarray:

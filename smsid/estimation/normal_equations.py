@@ -150,9 +150,9 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     here = point.for_recording(flight.label)
     start = f"{flight.label}: "
     own = [
-        (i, u if u.kind != "bias" else replace(u, name=u.name.removeprefix(start)))
+        (i, replace(u, name=u.name.removeprefix(start)) if u.of_recording else u)
         for i, u in enumerate(unknowns)
-        if u.kind != "bias" or u.name.startswith(start)
+        if not u.of_recording or u.name.startswith(start)
     ]
     index, mine = np.array([i for i, _ in own], dtype=int), [u for _, u in own]
     model, problem = here.model(), problem_at(point, flight)

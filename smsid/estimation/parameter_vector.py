@@ -11,13 +11,15 @@ import pinocchio as pin
 
 from smsid.description.schema import Description
 from smsid.effects.base import Effect
+from smsid.estimation.measurements import component_labels
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.model import build_model, rebuild
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing import Sensor
+from smsid.sensing.component import ComponentError
 
-Kind = Literal["inertial", "effect", "bias", "trend"]
+Kind = Literal["inertial", "effect", "bias", "sensor", "trend"]
 DEGENERATE = 1e-10  # eigenvalue of a correlation below which it is rounding
 
 
@@ -50,9 +52,10 @@ class Polar:
 class Unknown:
     """A parameter of the search.
 
-    ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>``, ``<channel>.bias.<axis>``, or that of
-    another with ``.trend``: by how much it changes in a second, where a filter follows that. ``column`` is
-    where an inertial one stands among those of the model, or the axis of a bias. ``sigma`` is the prior's
+    ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>``, ``<channel>.bias.<axis>`` (or ``scale``,
+    ``misalignment``, which are of the kind ``sensor``), or that of another with ``.trend``: by how much it
+    changes in a second, where a filter follows that. ``column`` is where an inertial one stands among those
+    of the model, or the component of a sensor's error. ``sigma`` is the prior's
     standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a typical size of a change. ``polar``
     makes it a component of an amplitude: along a reference, or across it (`Polar`).
     """
@@ -67,6 +70,11 @@ class Unknown:
     lower: float = -np.inf
     upper: float = np.inf
     polar: Polar | None = None
+
+    @property
+    def of_recording(self) -> bool:
+        """Whether it is an error of a sensor, which every recording has its own of."""
+        return self.kind in ("bias", "sensor")
 
     @property
     def positive(self) -> bool:
@@ -129,8 +137,9 @@ class Point:
     """One point: the description with its effects, shifts of inertial parameters by column, sensor biases.
 
     A body's parameters are called as an estimate calls them: ``whole`` (10 bodies,) is what the ``base`` has,
-    the bus with its wheels and undeformed appendages. ``biases`` by unknown's name: channel, axis and value
-    are read from the name. ``within`` names, by effect, the only one of several recordings that it acts in.
+    the bus with its wheels and undeformed appendages. ``biases``, and other errors of sensors, by unknown's
+    name: channel, term and component are read from the name. ``within`` names, by effect, the only one of
+    several recordings that it acts in.
     """
 
     base: SpacecraftModel
@@ -150,7 +159,7 @@ class Point:
         """Return the value of a parameter here."""
         if unknown.kind == "inertial":
             return self.inertial_value(unknown.column)
-        if unknown.kind == "bias":
+        if unknown.of_recording:
             return self.biases.get(unknown.name, 0.0)
         effect = self._owner(unknown.name)
         values = {p.name: p.value for p in effect.parameters()}
@@ -175,7 +184,7 @@ class Point:
             new = float(np.clip(self.value(unknown) + d, *self.bounds(unknown)))
             if unknown.kind == "inertial":
                 inertial[unknown.column] = new - float(self.whole[unknown.column])
-            elif unknown.kind == "bias":
+            elif unknown.of_recording:
                 biases[unknown.name] = new
             else:
                 values.setdefault(unknown.name.partition(".")[0], {})[unknown.name] = new
@@ -249,11 +258,31 @@ class Point:
         for name, value in self.biases.items():
             if ": " in name:  # of another recording, see `for_recording`
                 continue
-            source, quantity, _, axis = name.split(".")
-            sensor = sensors[source]
-            errors = sensor.error(quantity)
-            bias = np.broadcast_to(np.asarray(errors.bias, dtype=float), (3,)).copy()
-            bias["xyz".index(axis)] += value
-            updated = errors.model_copy(update={"bias": tuple(float(b) for b in bias)})
-            sensors[source] = sensor.model_copy(update={"errors": {**sensor.errors, quantity: updated}})
+            source, quantity, term, component = name.split(".", 3)
+            labels = component_labels(self.base, sensors[source], quantity)
+            place = labels.index(component), len(labels)
+            sensors[source] = _with_error(sensors[source], quantity, TERMS[term], place, value)
         return tuple(sensors.values())
+
+
+TERMS = {"bias": "bias", "scale": "scale_error", "misalignment": "misalignment"}
+"""Errors of sensors as they are called in the names of unknowns, and in an error model."""
+
+
+def _with_error(sensor: Sensor, quantity: str, term: str, place: tuple[int, int], value: float) -> Sensor:
+    """Return a sensor with ``value`` more in a term of one component: its number in the channel, and of how
+    many; of accelerometers, every station has its own.
+    """
+    errors, (index, count) = sensor.error(quantity), place
+    update: dict[str, object]
+    if sensor.kind == "accelerometers" and term != "misalignment":
+        key = f"{index // 3},{index % 3}"
+        own = errors.components.get(key, ComponentError())
+        own = own.model_copy(update={term: getattr(own, term) + value})
+        update = {"components": {**errors.components, key: own}}
+    else:
+        whole = np.zeros(count) + np.asarray(getattr(errors, term), dtype=float)
+        whole[index] += value
+        update = {term: tuple(whole.tolist())}
+    changed = errors.model_copy(update=update)
+    return sensor.model_copy(update={"errors": {**sensor.errors, quantity: changed}})

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from smsid.estimation.bias_walk import BiasWalk
 from smsid.estimation.input_hold import Hold, commanded
 from smsid.estimation.measurements import ChannelSlice, Measured
 from smsid.estimation.parameter_vector import JointPrior
@@ -106,8 +107,9 @@ class Problem:
 
     ``substep`` is the longest step of the integration between samples [s], ``begin`` what is known of the
     state at the first sample (read from it, with wide standard deviations, when not given).
-    ``unknown_inputs`` are states of the filter, too, after q and v. ``parts`` are the recordings, where there
-    are several (`joint_problem`): ``recording`` and ``timing`` are then the first's.
+    ``unknown_inputs`` are states of the filter, too, after q and v, and ``bias_walks`` after these. ``parts``
+    are the recordings, where there are several (`joint_problem`): ``recording`` and ``timing`` are then the
+    first's.
     """
 
     recording: Recording
@@ -120,6 +122,7 @@ class Problem:
     begin: Belief | None = None
     unknown_inputs: tuple[UnknownInput, ...] = ()
     parts: tuple[Part, ...] = ()
+    bias_walks: tuple[BiasWalk, ...] = ()
 
     @property
     def given(self) -> np.ndarray:

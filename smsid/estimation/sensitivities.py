@@ -10,11 +10,11 @@ import pinocchio as pin
 
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError
+from smsid.estimation.bias_walk import unit_bias
 from smsid.estimation.filter_pass import Applied, compiled_pays
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.kalman import applied
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.measurements import mounting
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.process_model import ProcessModel
@@ -117,16 +117,20 @@ class Sensitivities:
         return applied(process, self.problem, self.inputs, self.run.edges)
 
     def bias(self, unknown: Unknown) -> Sensitivity:
-        """Return the change by the bias of one axis, of the sensor's own, of a channel."""
-        channel = ".".join(unknown.name.split(".")[:2])
-        reading = np.zeros((len(self.run.states.time), self.problem.data.rows))
+        """Return the change by the bias of one component, along the sensor's own axes, of a channel."""
+        channel, rows = ".".join(unknown.name.split(".")[:2]), self.problem.data.rows
+        reading = np.zeros((len(self.run.states.time), rows))
         for block in self.problem.data.blocks:
             if block.channel == channel:
-                turn = mounting(block.sensor, block.quantity, 3)
-                reading[:, block.rows] = np.resize(
-                    turn[:, unknown.column], block.rows.stop - block.rows.start
-                )
+                reading[:] = unit_bias(block, unknown.column, rows)
         return Sensitivity(reading=reading)
+
+    def sensor(self, unknown: Unknown) -> Sensitivity:
+        """Return the change by another error of a sensor in this recording, by a difference."""
+        step = DIFFERENCE * unknown.scale
+        other = self.point.moved([unknown], np.array([step]))
+        reading = self._reading(self.point, other, self.model, self.model)
+        return Sensitivity(reading=None if reading is None else reading / step)
 
     def unknown(self, unknown: Unknown) -> Sensitivity:
         """Return the change by a parameter of an effect the point has, by a difference."""

@@ -31,7 +31,24 @@ def reading_uncertainty(point: Point, data: Measured) -> np.ndarray:
             for old, new in zip(before, data.with_blocks(sensors).blocks, strict=True):
                 if old is not new:
                     variance[old.rows] += _change(data, old, new) ** 2
+    for block in before:
+        variance[block.rows] += _stated(data, block)
     return np.sqrt(variance)
+
+
+def _stated(data: Measured, block: ChannelSlice) -> np.ndarray:
+    """Return the variance of the first reading of a channel (rows of the block,) by what a sensor states of
+    its bias, scale and misalignment, which every recording has its own of.
+    """
+    errors, x = block.sensor.error(block.quantity), data.values[:, block.rows]
+    bias = np.hypot(np.asarray(errors.bias_sigma, dtype=float), errors.gauss_markov_sigma)
+    turn, scale = (np.asarray(s, dtype=float) for s in (errors.misalignment_sigma, errors.scale_sigma))
+    if block.quantity == "attitude":
+        return np.resize(bias**2 + turn**2, x.shape[1])
+    there = np.flatnonzero(np.isfinite(x).all(axis=1))
+    first = x[there[0]] if len(there) else np.zeros(x.shape[1])
+    own = np.resize(bias, x.shape[1]) ** 2 + (np.resize(scale, x.shape[1]) * first) ** 2
+    return own + float(turn.max() * np.linalg.norm(first)) ** 2
 
 
 def _moved(effect: Effect, p: Parameter) -> Effect | None:
@@ -50,12 +67,13 @@ def _change(data: Measured, old: ChannelSlice, new: ChannelSlice) -> np.ndarray:
     """Return by how much the first reading of a channel changes (rows of the block,)."""
     x = data.values[:, old.rows]
     there = np.flatnonzero(np.isfinite(x).all(axis=1))
-    out = np.resize(np.abs(new.bias - old.bias), x.shape[1])
+    out = np.abs(np.resize(new.bias, x.shape[1]) - np.resize(old.bias, x.shape[1]))
     if not len(there):
         return out
     if old.quantity != "attitude":
-        first = x[there[0]].reshape(-1, len(old.bias))  # by station
-        out = out + np.abs(first @ (new.gain - old.gain).T).ravel()
+        first = x[there[0]]
+        read = [(first.reshape(-1, len(b.gain)) @ b.gain.T).ravel() for b in (old, new)]  # by station
+        out = out + np.abs(read[1] - read[0])
     if new.delay != old.delay:
         later = there[data.times[there] <= data.times[there[0]] + SPEED]
         span = float(data.times[later[-1]] - data.times[later[0]])

@@ -44,30 +44,36 @@ def smoothed_states(model: SpacecraftModel, problem: Problem) -> SmoothedStates:
     """
     filtering = KalmanFilter(model, problem)
     first, noise, walk = filtering.covariance, filtering.input_noise, filtering.walk
+    wander = np.zeros(0) if filtering.walks is None else filtering.walks.rates
     run = filtering.advance(len(problem.data.times))
     change, covariance = bryson_frazier(
-        predicted_covariances(run, first, problem.data.sigma**2, noise, walk),
+        predicted_covariances(run, first, problem.data.sigma**2, noise, walk, wander),
         run.transition,
         run.sensitivity,
         run.whitening,
         run.gain,
         run.innovations,
     )
-    nv = model.nv
-    predicted = _unknown_inputs(run, nv)
+    nv, known = model.nv, 2 * model.nv + walk.shape[1]
+    predicted = _unknown_inputs(run, nv)[:, : walk.shape[1]]
     q = np.array([pin.integrate(model.pin, a, d) for a, d in zip(run.states.q, change[:, :nv], strict=True)])
     states = replace(run.states, q=q, v=run.states.v + change[:, nv : 2 * nv])
-    return SmoothedStates(states, predicted + change[:, 2 * nv :], covariance)
+    return SmoothedStates(states, predicted + change[:, 2 * nv : known], covariance[:, :known, :known])
 
 
 def predicted_covariances(
-    run: FilterRun, first: np.ndarray, variance: np.ndarray, input_noise: np.ndarray, walk: np.ndarray
+    run: FilterRun,
+    first: np.ndarray,
+    variance: np.ndarray,
+    input_noise: np.ndarray,
+    walk: np.ndarray,
+    wander: np.ndarray | tuple[()] = (),
 ) -> np.ndarray:
     """Return the covariances (N, x, x) of the predictions, which a run does not keep.
 
     ``first`` (x, x) is that at the first sample, ``variance`` (rows,) that of readings, ``input_noise`` (nv,)
     that of inputs over a sample, ``walk`` (3, k) by how much the unknown inputs' variance grows in a second
-    (`walks_of`).
+    (`walks_of`), ``wander`` (m,) the same of biases that wander.
     Joseph's form, in which rounding dies out: the gains are the run's own.
     """
     n, width = len(run.gain), first.shape[0]
@@ -83,10 +89,11 @@ def predicted_covariances(
         p = left @ p @ left.T + (gain * variance[there]) @ gain.T
         b = run.forcing[k] @ run.middle_inverse[k]
         p = run.transition[k] @ p @ run.transition[k].T + (b * input_noise) @ b.T
+        passed, known = float(run.edges[k + 1] - run.edges[k]), width - len(wander)
         if walk.size:
-            inner = width - walk.shape[1]
-            moved = run.transition[k][:inner, inner:]
-            p += walked(moved, walk * (run.edges[k + 1] - run.edges[k]))
+            inner = known - walk.shape[1]
+            p[:known, :known] += walked(run.transition[k][:inner, inner:known], walk * passed)
+        p[range(known, width), range(known, width)] += np.asarray(wander) * passed
         p = 0.5 * (p + p.T)
     return out
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.effects.base import Effect
+from smsid.effects.sensor import UNITS
 from smsid.errors import DescriptionError
-from smsid.estimation.parameter_vector import Point, Polar, Unknown
+from smsid.estimation.measurements import component_labels
+from smsid.estimation.parameter_vector import Kind, Point, Polar, Unknown
 from smsid.likelihood.parameters import body_size
 from smsid.likelihood.prior import CAD, EFFECT, Cad
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
@@ -20,7 +22,6 @@ from smsid.sensing import Sensor
 STEP = 1e-3  # size of a change of a parameter that is zero and has no prior, in its own unit
 BIAS = {"acceleration": 0.05, "angular_rate": 0.01}
 """Standard deviations of sensor biases that no description states [m/s^2, rad/s]: wide."""
-BIAS_UNIT = {"acceleration": "m/s^2", "angular_rate": "rad/s"}
 MOST = (
     1e6  # standard deviation of what has no prior at all, in its steps: finite, so that nothing is singular
 )
@@ -57,27 +58,40 @@ def unknowns_of(
     return Unknowns(tuple(found), held)
 
 
-def biases_of(sensors: tuple[Sensor, ...], present: set[str], label: str, taken: set[str]) -> list[Unknown]:
-    """Return the biases of gyros and accelerometers in one recording.
+def sensor_unknowns(
+    model: SpacecraftModel, sensors: tuple[Sensor, ...], present: set[str], label: str, taken: set[str]
+) -> list[Unknown]:
+    """Return the errors that sensors have in one recording: biases, scales and misalignments.
 
-    They are named ``<label>: <channel>.bias.<axis>``. ``present`` are the recording's channels; channels in
-    ``taken`` have a bias by an effect that is listed.
+    Those that are stated, with the standard deviations that are stated, and biases of gyros and
+    accelerometers in any case. They are named ``<label>: <channel>.bias.<axis>``, ``scale`` and
+    ``misalignment`` likewise, joints and wheels by name. ``present`` are the recording's channels; channels
+    in ``taken`` have a bias by an effect that is listed.
     """
     found = []
     for sensor in sensors:
         for quantity in sensor.quantities:
             channel = f"{sensor.name}.{quantity}"
-            if sensor.kind != "imu" or quantity not in BIAS or channel not in present or channel in taken:
+            if channel not in present:
                 continue
-            errors = sensor.error(quantity)
-            stated = np.hypot(
-                np.asarray(errors.bias_sigma, dtype=float), np.asarray(errors.gauss_markov_sigma, dtype=float)
-            )
-            for i, s in enumerate(np.broadcast_to(stated, 3)):
-                sigma = float(s) if s > 0.0 else BIAS[quantity]
-                name = f"{label}: {channel}.bias.{'xyz'[i]}"
-                scale = min(sigma, 1e-3 * BIAS[quantity])
-                found.append(Unknown(name, "bias", BIAS_UNIT[quantity], 0.0, sigma, scale, column=i))
+            errors, labels = sensor.error(quantity), component_labels(model, sensor, quantity)
+            wide = BIAS.get(quantity, 0.0) if sensor.kind == "imu" else 0.0
+            bias = np.hypot(np.asarray(errors.bias_sigma, dtype=float), errors.gauss_markov_sigma)
+            bias = np.where(bias > 0.0, bias, wide)
+            walk = np.asarray(errors.random_walk, dtype=float) * (bias == 0.0)
+            stated: list[tuple[str, Kind, str, np.ndarray]] = []
+            if channel not in taken:  # a walk is followed about a value that it hardly begins off
+                stated.append(("bias", "bias", UNITS[quantity], np.hypot(bias, walk)))
+            stated.append(("scale", "sensor", "1", np.asarray(errors.scale_sigma, dtype=float)))
+            if len(labels) == 3:
+                turned = np.asarray(errors.misalignment_sigma, dtype=float)
+                stated.append(("misalignment", "sensor", "rad", turned))
+            for term, kind, unit, sigma in stated:
+                whole = np.resize(sigma, len(labels)) if sigma.ndim else np.full(len(labels), float(sigma))
+                for i in np.flatnonzero(whole):
+                    name, s = f"{label}: {channel}.{term}.{labels[i]}", float(whole[i])
+                    scale = min(s, 1e-3 * BIAS.get(quantity, 1e3 * s)) if kind == "bias" else s
+                    found.append(Unknown(name, kind, unit, 0.0, s, scale, column=int(i)))
     return found
 
 

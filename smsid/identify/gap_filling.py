@@ -17,6 +17,7 @@ import numpy as np
 from smsid.errors import RecordingError
 from smsid.identify.commanded import FEW
 from smsid.identify.robust import white_sigma
+from smsid.identify.sensor_correction import on_event_clocks
 from smsid.identify.valid_samples import enough_usable, isolated_outliers, largest_neighbour, spikes
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -69,7 +70,7 @@ def fill_gaps(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
     Raises `RecordingError` for a channel of which less than half is usable, for commands that are not
     finite, and what `Recording.check` raises: clocks out of order, wrong units.
     """
-    recording.check_consistency()
+    on_event_clocks(recording, sensors).check_consistency()
     known = {c: (s, q) for s in sensors for q, c in zip(s.quantities, s.channels, strict=True)}
     kept = [n for n in recording.channels if n in known or n.startswith("command.")]
     clocks: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}

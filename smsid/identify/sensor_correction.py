@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.recording import Recording
 from smsid.sensing import Sensor
+from smsid.sensing._signals import resample
 from smsid.sensing.component import place_of
 from smsid.sensing.error_model import ErrorModel
 
@@ -28,6 +29,30 @@ def correct_readings(recording: Recording, sensors: Sequence[Sensor]) -> Recordi
             if name in recording and _known(error):
                 times = recording.time(name)
                 channels[name] = (times, _undone(error, times, np.array(recording[name]), quantity))
+    return recording.with_channels(channels) if channels else recording
+
+
+def without_known_errors(recording: Recording, sensors: Sequence[Sensor]) -> Recording:
+    """Return what perfect sensors would have read, but for noise, at the times at which it happened.
+
+    By it channels are checked against each other: a delay that is described is no contradiction.
+    """
+    return on_event_clocks(correct_readings(recording, sensors), sensors)
+
+
+def on_event_clocks(recording: Recording, sensors: Sequence[Sensor]) -> Recording:
+    """Return a recording with each channel interpolated to when what it reports happened, as described."""
+    channels = {}
+    for sensor in sensors:
+        for quantity, name in zip(sensor.quantities, sensor.channels, strict=True):
+            lag = sensor.error(quantity).lag
+            if name in recording and lag:
+                times, values = recording.time(name), np.array(recording[name])
+                good = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+                if good.sum() > 1:
+                    own = times[good]
+                    at, attitude = np.clip(times + lag, own[0], own[-1]), quantity == "attitude"
+                    channels[name] = (times, resample(own, values[good], at, attitude=attitude))
     return recording.with_channels(channels) if channels else recording
 
 

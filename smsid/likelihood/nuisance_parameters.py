@@ -83,7 +83,9 @@ def slots_of(
     for c in channels:
         if nuisance.biases and c.biased:
             unit = "rad/s" if c.quantity == "angular_rate" else "m/s^2"
-            add("bias", c.name, c.width, BIAS[c.quantity], unit)
+            errors = c.sensor.error(c.quantity)
+            stated = np.hypot(np.asarray(errors.bias_sigma, dtype=float), errors.gauss_markov_sigma)
+            add("bias", c.name, c.width, float(stated.max()) or BIAS[c.quantity], unit)
     for c in channels:
         if nuisance.scale and c.name in nuisance.scale:
             add("scale", c.name, 1, nuisance.scale[c.name], "1")

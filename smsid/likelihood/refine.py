@@ -16,6 +16,7 @@ from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate, distinct
 from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import Identification
+from smsid.identify.sensor_correction import without_known_errors
 from smsid.identify.stationary_joints import Still, taken_away
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
@@ -123,7 +124,7 @@ def refine(
                 f"'{recording.name}' is for validation.",
                 advice="Identify from recordings in the role estimation.",
             )
-        recording.check_consistency()
+        without_known_errors(recording, description.effective_sensors()).check_consistency()
     model = build_model(description)
     described = Parameters.of(model)
     pairs = [piece_of(model, r, nuisance or Nuisance()) for r in recordings]

@@ -6,7 +6,7 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
@@ -168,6 +168,19 @@ class ErrorModel(BaseModel):
             return np.asarray(self.noise_density, dtype=float) * math.sqrt(rate)
         return np.asarray(self.noise_sigma if self.noise_sigma is not None else 0.0, dtype=float)
 
+    def meaningless(self, times: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+        """Return which readings (N, ...) say nothing of what is measured: at the limit, or stuck.
+
+        ``times`` (N,) [s], ``values`` (N, ...).
+        """
+        bad = np.zeros(values.shape, dtype=bool)
+        if self.saturation is not None:
+            bad |= np.abs(values) >= self.saturation * (1.0 - 1e-12)
+        for place, part in self.parts(values.shape):
+            if part.stuck_from is not None:
+                bad[place] |= np.reshape(times >= part.stuck_from, (-1, *(1,) * (bad[place].ndim - 1)))
+        return bad
+
     def apply(
         self,
         times: ArrayLike,
@@ -246,22 +259,24 @@ class ErrorModel(BaseModel):
             return x
         return resample(t, x, np.clip(t - self.lag, t[0], t[-1]), attitude=attitude)
 
-    def _parts(
+    def parts(
         self, shape: tuple[int, ...]
     ) -> list[tuple[tuple[slice | int, ...], ErrorModel | ComponentError]]:
-        """Return where errors of the whole quantity and of single components are, and these errors."""
+        """Return where in values of a shape (N, ...) the errors of the whole quantity and of single
+        components act, and these errors.
+        """
         whole = tuple(slice(None) for _ in shape)
         return [(whole, self), *((place_of(key, shape), part) for key, part in self.components.items())]
 
     def _scale(self, x: FloatArray, rng: np.random.Generator | None) -> FloatArray:
         factor = np.zeros(x.shape) + (1.0 + fixed_errors(0.0, self.scale_sigma, x.shape, rng))
-        for place, part in self._parts(x.shape):
+        for place, part in self.parts(x.shape):
             factor[place] += np.asarray(part.scale_error) + np.asarray(part.scale_slope) * np.abs(x[place])
         return x * factor
 
     def _biases(self, t: FloatArray, shape: tuple[int, ...], rng: np.random.Generator | None) -> FloatArray:
         error = np.zeros(shape) + fixed_errors(0.0, self.bias_sigma, shape, rng)
-        for place, part in self._parts(shape):
+        for place, part in self.parts(shape):
             on = np.zeros(shape)
             on[place] = part.bias
             if part.bias_from is not None:
@@ -270,7 +285,7 @@ class ErrorModel(BaseModel):
         return error
 
     def _add_outliers(self, error: FloatArray, which: np.random.Generator, size: np.random.Generator) -> None:
-        parts = self._parts(error.shape)
+        parts = self.parts(error.shape)
         any_there = any(part.outlier_rate > 0.0 for _, part in parts)
         for place, part in parts:
             if any_there and (part is self or part.outlier_rate > 0.0):  # the whole always takes its draws
@@ -280,14 +295,14 @@ class ErrorModel(BaseModel):
 
     def _quantise(self, y: FloatArray) -> FloatArray:
         y = y.copy()
-        for place, part in self._parts(y.shape):
+        for place, part in self.parts(y.shape):
             if part.quantisation > (0.0 if part is self else self.quantisation):
                 y[place] = np.round(y[place] / part.quantisation) * part.quantisation
         return y
 
     def _stick(self, t: FloatArray, y: FloatArray) -> FloatArray:
         y = y.copy()
-        for place, part in self._parts(y.shape):
+        for place, part in self.parts(y.shape):
             if part.stuck_from is not None:
                 y[place] = held(t, y[place], part.stuck_from)
         return y

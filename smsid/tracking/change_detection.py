@@ -332,6 +332,6 @@ def groups_of(unknowns: Sequence[Unknown]) -> Mapping[str, np.ndarray]:
     for i, u in enumerate(unknowns):
         if u.kind == "trend":
             continue
-        name = u.name.rsplit(".", 1)[0] if u.kind == "bias" else u.name.partition(".")[0]
+        name = ".".join(u.name.split(".")[:3]) if u.of_recording else u.name.partition(".")[0]
         places.setdefault(name, []).append(i)
     return {name: np.array(index) for name, index in places.items()}

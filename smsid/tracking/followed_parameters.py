@@ -10,8 +10,9 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, EstimateError
+from smsid.estimation.bias_walk import walk_rate
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.unknowns import BIAS, MOST, STEP, biases_of, unknowns_of
+from smsid.estimation.unknowns import BIAS, MOST, STEP, sensor_unknowns, unknowns_of
 from smsid.export.bodies import linear_terms
 from smsid.identify.estimate import Estimate
 from smsid.identify.momentum_rows import whole_bodies
@@ -92,16 +93,13 @@ def followed_parameters(
     channels = {f"{s.name}.{q}" for s in sensors for q in s.quantities}
     seen = channels if present is None else channels & set(present)
     taken = {c for e in description.effect if e.unknowns() for c in e.biased_channels()}
-    biases = [replace(u, name=u.name.removeprefix(": ")) for u in biases_of(sensors, seen, "", taken)]
+    errors = sensor_unknowns(point.base, sensors, seen, "", taken)
+    biases = [replace(u, name=u.name.removeprefix(": ")) for u in errors]
     every = [*unknowns_of(point, cad=cad).unknowns, *biases]
     rates = _rates(every, follow, hold)
-    walks = {
-        f"{s.name}.{q}": float(np.max(np.asarray(s.error(q).random_walk, dtype=float)))
-        for s in sensors
-        for q in s.quantities
-    }
+    walks = {f"{s.name}.{q}": walk_rate(s.error(q)) for s in sensors for q in s.quantities}
     found, steady = [], []
-    others = [_with_prior(u) for u in every if u.name not in rates and u.kind != "bias"]
+    others = [_with_prior(u) for u in every if u.name not in rates and not u.of_recording]
     others = [u for u in others if np.isfinite(u.sigma)]
     for u in every:
         if u.name in rates:
@@ -109,7 +107,8 @@ def followed_parameters(
             if rate is None:
                 rate = DRIFT * _size(own) / np.sqrt(HOUR)
                 if u.kind == "bias":
-                    rate = max(rate, walks.get(u.name.rsplit(".bias.", 1)[0], 0.0))
+                    walk = walks[u.name.partition(".bias.")[0]]
+                    rate = max(rate, float(walk.flat[u.column % walk.size]))
             found.append(Followed(own, rate))
             if trend:
                 name, unit = f"{u.name}.trend", f"{u.unit or 1}/s".replace("/s/s", "/s^2")
@@ -185,8 +184,7 @@ def _fitting(pattern: str, names: Sequence[str]) -> list[str]:
 def _size(unknown: Unknown) -> float:
     """Return the typical size of a parameter: that of its body, of its value, or of its prior."""
     if unknown.kind == "bias":
-        quantity = unknown.name.split(".")[1]
-        return BIAS[quantity]
+        return BIAS.get(unknown.name.split(".")[1], unknown.sigma)
     return abs(unknown.nominal) if unknown.kind == "effect" and unknown.nominal else unknown.scale
 
 

@@ -10,8 +10,9 @@ import pinocchio as pin
 
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError, SmsidError
+from smsid.estimation.bias_walk import unit_bias
 from smsid.estimation.compiled_filter import Change, effect_tables, inertial_tables, with_parameters
-from smsid.estimation.filter_pass import Instance, Moment
+from smsid.estimation.filter_pass import CLOSE, Instance, Moment
 from smsid.estimation.measurements import Measured
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import DIFFERENCE
@@ -34,6 +35,8 @@ class Difference(Change):
 
 class Linearisation:
     """A spacecraft at some values (m,) of the parameters, and its derivatives by each per its scale."""
+
+    close = CLOSE
 
     def __init__(
         self,
@@ -63,7 +66,9 @@ class Linearisation:
         else:
             self.renewed, self._inverse = self.values, inverse
             self.differences = tuple(
-                self._difference(i, layout, locked) for i, u in enumerate(unknowns) if u.kind == "effect"
+                self._difference(i, layout, locked)
+                for i, u in enumerate(unknowns)
+                if u.kind in ("effect", "sensor")
             )
             self._biases = self._bias_columns(layout)
             bodies = inertial_tables(self.base, self._columns, self._inertial, self.scales[self._inertial])
@@ -92,7 +97,7 @@ class Linearisation:
             return False
         size = [max(abs(u.nominal), u.scale, u.sigma if np.isfinite(u.sigma) else 0.0) for u in self.unknowns]
         off = np.abs(self.values - before.renewed)
-        effects = np.array([u.kind == "effect" for u in self.unknowns])
+        effects = np.array([u.kind in ("effect", "sensor") for u in self.unknowns])
         return bool((off <= np.maximum(MOVED * np.array(size), sigmas))[effects].all())
 
     @property
@@ -111,8 +116,10 @@ class Linearisation:
             raise NotIdentifiableError(
                 f"'{u.name}' changes how many degrees of freedom there are.", advice="Hold it.", name=u.name
             )
-        effect = self.point.description.get_effect(u.name.partition(".")[0])
-        drives = type(effect).drive is not Effect.drive
+        drives = False
+        if u.kind == "effect":
+            effect = self.point.description.get_effect(u.name.partition(".")[0])
+            drives = type(effect).drive is not Effect.drive
         return Difference(i, low, high, u.scale / (more - less), drives, _reads(low, high))
 
     def _bias_columns(self, layout: Measured) -> np.ndarray:
@@ -120,12 +127,10 @@ class Linearisation:
         out = np.zeros((layout.rows, len(self.unknowns)))
         for i, u in enumerate(self.unknowns):
             if u.kind == "bias":
-                channel = u.name.rsplit(".bias.", 1)[0]
+                channel = u.name.partition(".bias.")[0]
                 for block in layout.blocks:
-                    if block.channel == channel:  # the bias is along the sensor's own axes
-                        turned = any(block.sensor.orientation)
-                        axis = block.sensor.rotation[:, u.column] if turned else np.eye(3)[u.column]
-                        out[block.rows, i] = axis * u.scale
+                    if block.channel == channel:
+                        out[:, i] = unit_bias(block, u.column, layout.rows) * u.scale
         return out
 
     def drive(
@@ -192,7 +197,7 @@ def point_at(origin: Point, unknowns: Sequence[Unknown], values: Sequence[float]
             continue
         if u.kind == "inertial":
             inertial[u.column] = value - float(origin.whole[u.column])
-        elif u.kind == "bias":
+        elif u.of_recording:
             biases[u.name] = value
         else:
             by_effect.setdefault(u.name.partition(".")[0], {})[u.name] = value

@@ -13,12 +13,9 @@ from smsid.estimation.flight import Flight, longest_step
 from smsid.estimation.gaps import bridged
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING
-from smsid.estimation.measurements import ChannelSlice, Measured, _block, _labels
+from smsid.estimation.measurements import ChannelSlice, Measured, _block, component_labels, stated_noise
 from smsid.estimation.problem import Noise, UnknownInput
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.model.stations import find_appendage, station_indices
-
-WIDTHS = {"attitude": 3, "position": 3, "velocity": 3, "angular_rate": 3, "acceleration": 3}
 
 
 @dataclass(frozen=True)
@@ -67,12 +64,11 @@ class Setting:
         for sensor in description.effective_sensors():
             for quantity in sensor.quantities:
                 channel = f"{sensor.name}.{quantity}"
-                width = _width(model, sensor, quantity)
+                width = len(component_labels(model, sensor, quantity))
                 if (channels is not None and channel not in channels) or not width:
                     continue
-                own = np.resize(sensor.error(quantity).white_sigma(sensor.rate), width)
-                step = sensor.error(quantity).quantisation / np.sqrt(12.0)
-                own = np.hypot(own, step * (2.0 if quantity == "attitude" else 1.0))
+                shape = (1, width // 3, 3) if sensor.kind == "accelerometers" else (1, width)
+                own = stated_noise(sensor, quantity, sensor.rate, shape)
                 if not (own > 0.0).all():
                     raise RecordingError(
                         f"The description does not state the noise of '{channel}'.",
@@ -121,10 +117,11 @@ class Setting:
         for channel in self.channels:
             name, quantity = channel.split(".")
             sensor = sensors[name]
-            width = _width(model, sensor, quantity)
+            labels = component_labels(model, sensor, quantity)
+            width = len(labels)
             rows = slice(start, start + width)
             start = rows.stop
-            names = tuple(f"{channel}[{x}]" for x in _labels(model, sensor, quantity, width))
+            names = tuple(f"{channel}[{x}]" for x in labels)
             stations = width // 3 if sensor.kind == "accelerometers" else 1
             blocks.append(_block(sensor, quantity, rows, stations, names))
         return Measured(np.zeros(0), np.zeros((0, start)), {}, tuple(blocks), np.array(self.sigma))
@@ -132,13 +129,3 @@ class Setting:
     def with_motion(self, other: Setting) -> Setting:
         """Return the setting with joints driven as in another one, lateness as here, the shorter silence."""
         return replace(other, lateness=self.lateness, silence=min(self.silence, other.silence))
-
-
-def _width(model: SpacecraftModel, sensor, quantity: str) -> int:
-    if quantity == "wheel_rate":
-        return len(model.wheels)
-    if quantity in ("joint_position", "joint_velocity"):
-        return len(model.arm_joints)
-    if sensor.kind == "accelerometers":
-        return 3 * len(station_indices(find_appendage(model, str(sensor.appendage)), sensor))
-    return WIDTHS[quantity]

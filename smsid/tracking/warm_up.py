@@ -34,7 +34,7 @@ def linearise_by_search(
     sought = [i for i, x in enumerate(f.followed) if x.of < 0]
     for i in sought:
         x, mean, sigma = f.followed[i], f.values[i], f.sigmas()[i]
-        name = f"{flight.label}: {x.name}" if x.unknown.kind == "bias" else x.name
+        name = f"{flight.label}: {x.name}" if x.unknown.of_recording else x.name
         unknowns.append(replace(x.unknown, name=name, nominal=float(mean), sigma=float(sigma)))
     try:
         found, taken, _ = _search(described, unknowns, [begun], None)

@@ -28,7 +28,7 @@ def test_marginal_combinations_go_to_the_filter_which_marks_them(evidence, monke
     monkeypatch.setattr(identify, "by_the_paper", raises)
     flown = "smsid.estimation.identify_flights.identify_flights"
     monkeypatch.setattr(flown, lambda *_, **__: flights)
-    description = SimpleNamespace(effect=())
+    description = SimpleNamespace(effect=(), effective_sensors=tuple)
     if evidence is None:
         with pytest.raises(NotIdentifiableError):
             identify.identify_spacecraft(description, [])

@@ -24,7 +24,7 @@ from smsid.identify.paper.exp1_described import check_moves
 from smsid.identify.paper.exp1_result import TranslationResult
 from smsid.identify.paper.exp2 import MomentumResult, identify_momentum
 from smsid.identify.paper.hidden_states import Modal, check_on_bus
-from smsid.identify.sensor_correction import correct_readings
+from smsid.identify.sensor_correction import correct_readings, on_event_clocks
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
@@ -168,7 +168,9 @@ def _mended(description: Description, recordings: Sequence[Recording]) -> tuple[
             )
     sensors = description.effective_sensors()
     corrected = [correct_readings(r, sensors) for r in recordings]
-    return [fill_gaps(r, sensors) for r in corrected], consistency_notes(corrected)
+    return [fill_gaps(r, sensors) for r in corrected], consistency_notes(
+        [on_event_clocks(r, sensors) for r in corrected]
+    )
 
 
 def _with_notes(error: NotIdentifiableError, notes: Sequence[str]) -> NotIdentifiableError:
