@@ -89,20 +89,34 @@ def real_shape(shapes: np.ndarray) -> np.ndarray:
 
 
 SAME_MODE = 2.0  # ratio of frequencies, stiffness off by a factor of four, up to which a mode is recognised
+IN_TUNE = 0.05  # relative, within which frequencies keep the ratios that are described
+FAR = 5.0  # factor by which all frequencies together may be off
 
 
 def match_modes(found: Sequence[Mode], described: Sequence[DescribedMode]) -> dict[int, int]:
     """Return which found mode (value) is which described one (key): nearest in the logarithm of frequency.
 
     A described mode that none is found within `SAME_MODE` of stays unmatched; it does not push the others on.
+    Where a common factor on all described frequencies, as a wrong stiffness gives, brings more of them in tune
+    than are near as they are, it is taken.
     """
     if not found or not described:
         return {}
     log = [np.log([m.frequency for m in x]) for x in (described, found)]
-    apart = np.abs(log[0][:, None] - log[1][None, :])
-    limit = np.log(SAME_MODE)
-    rows, columns = scipy.optimize.linear_sum_assignment(np.minimum(apart, limit))
-    return {int(k): int(j) for k, j in zip(rows, columns, strict=True) if apart[k, j] < limit}
+    apart = log[1][None, :] - log[0][:, None]
+    best = _nearest(apart, np.log(SAME_MODE))
+    for off in sorted(apart.ravel(), key=abs):
+        other = _nearest(apart - off, IN_TUNE)
+        if abs(off) < np.log(FAR) and len(other) > len(best):
+            best = other
+    return best
+
+
+def _nearest(apart: np.ndarray, limit: float) -> dict[int, int]:
+    """Return pairs of rows and columns of least distances ``apart`` (n, m), none beyond the limit."""
+    size = np.minimum(np.abs(apart), limit)
+    rows, columns = scipy.optimize.linear_sum_assignment(size)
+    return {int(k): int(j) for k, j in zip(rows, columns, strict=True) if size[k, j] < limit}
 
 
 def identified_modes(
