@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
+from smsid.diagnose.hold_rivals import as_inputs_act
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import FOLLOWED
 from smsid.diagnose.open_loop import unexplained_fraction
@@ -171,7 +172,7 @@ def _diagnose(
         faults = [f for f in faults if all(f is not r for r in rests)]
         problem = timed_like(looked_at(faults), problem)
         found = searched(problem, point, found)
-    again = timed_like(problem, timed(found.last.point, found.last.problem))
+    again = timed_like(problem, as_inputs_act(found))
     if _timings(again) != _timings(problem):  # what was wrong with the model hid it
         LOGGER.info("commands act otherwise: %s", _timings(again))
         problem = again

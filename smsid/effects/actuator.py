@@ -214,6 +214,7 @@ class ActuatorDelay(ActuatorEffect):
     summary = "commands that act late"
     aliases = ("joint_friction", "time_offset", "sensor_delay")
     strength = ("delay",)
+    shifts_time = True
     in_words = "{place} acts later than it is commanded"
     kind: Literal["actuator_delay"] = "actuator_delay"
     actuator: str = Field(

@@ -88,6 +88,7 @@ class Effect(Table):
     strong: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     # whether it changes what is measured of an arm, or commanded, and no torque of its joints
     on_readings: ClassVar[bool] = False
+    shifts_time: ClassVar[bool] = False  # whether all it does is that something comes early or late
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
     prior: dict[str, Annotated[float, Field(gt=0.0)]] = Field(

@@ -160,6 +160,7 @@ class SensorDelay(QuantityEffect):
     in_words = "{place} reports late"
     kind: Literal["sensor_delay"] = "sensor_delay"
     value_field = term = "delay"
+    shifts_time = True
     delay: float = physical("s", lower=0.0, default=0.0, description="beyond the stated one")
 
 
@@ -170,6 +171,7 @@ class TimeOffset(SensorEffect):
     summary = "clock of a sensor that is off"
     aliases = ("sensor_delay", "actuator_delay")
     strength = ("offset",)
+    shifts_time = True
     in_words = "the clock of {place} is off"
     kind: Literal["time_offset"] = "time_offset"
     offset: float = physical("s", default=0.0, description="positive when it reports late")

@@ -1,0 +1,60 @@
+"""Commands that act otherwise between samples, as rivals of every clock that is off and every delay.
+
+What is held, taken for straight lines, acts half a period early. So a sensor or an actuator seems to be late,
+and beside that, straight lines go on to look right.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.exchange_step import without_cause
+from smsid.diagnose.stepwise import Search
+from smsid.errors import SmsidError
+from smsid.estimation.input_timing import timings
+from smsid.estimation.joint_problem import timed
+from smsid.estimation.map_estimate import fit
+from smsid.estimation.problem import Problem, Timing, recordings_of
+
+LOGGER = logging.getLogger(__name__)
+
+
+def as_inputs_act(found: Search) -> Problem:
+    """Return the problem of the last fit with commands as they act by what is known now.
+
+    Without a time offset, what is likeliest at the last fit counts, see `timed`. One is believed only where
+    the model without it, fitted again, explains clearly less with commands of every other way: what tells two
+    causes apart, and what the offset costs in Bayes's criterion. It may have another size beside another way.
+    """
+    last, apart = found.last, found.levels.alias
+    causes = (c.score.candidate for c in found.causes)
+    late = [c for c in causes if c.effect is not None and c.effect.shifts_time]
+    if not late:
+        return timed(last.point, last.problem)
+    paid = apart + sum(len(c.free) for c in late) * float(np.log(found.samples))
+    chosen, best = last.problem, 2.0 * last.objective + paid
+    for choice in dict.fromkeys(t for p in recordings_of(last.problem) for t in timings(p.recording)):
+        other = _acting(last.problem, choice)
+        for gone, price in ((late, 0.0), ([], paid + apart)):
+            try:
+                less = last
+                for candidate in gone:
+                    less = without_cause(less, candidate, found.nominal)
+                reached = 2.0 * fit(less.point, less.unknowns, other, iterations=8).objective + price
+            except (SmsidError, np.linalg.LinAlgError) as error:
+                LOGGER.info("not %s: %s", choice, error)
+                continue
+            LOGGER.info("%s without %s: %.1f more", choice, [c.key for c in gone], best - reached)
+            if reached < best:
+                chosen, best = other, reached
+    return chosen
+
+
+def _acting(problem: Problem, choice: Timing) -> Problem:
+    """Return a problem whose commands act in one way in every recording that may be of it."""
+    own = [choice if choice in timings(p.recording) else p.timing for p in recordings_of(problem)]
+    parts = tuple(replace(p, timing=t) for p, t in zip(problem.parts, own, strict=False))
+    return replace(problem, timing=own[0], parts=parts)
