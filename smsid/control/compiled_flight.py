@@ -13,6 +13,7 @@ from smsid.control.pd import Measured, ModelBasedController
 from smsid.control.sensed import SensedState
 from smsid.control.statespace import StateSpace
 from smsid.kernel.arrays import Kernel, tree_of
+from smsid.kernel.columns import TIME
 from smsid.kernel.flight import COMMAND, FLOWN, Craft, Law, Path, Senses, fly
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.fixed_step import ClosedLoop, check_finite, whole_steps
@@ -117,6 +118,7 @@ class CompiledFlight:
         fixed = *self.kernel.arrays, self.law, self.craft, self.senses, self.dt, hold, delay
         at, given = 0, False
         while True:
+            self.kernel.root[TIME] = self.time[at]
             at, why = fly(*fixed, path, at, given)
             if why == FLOWN:
                 break

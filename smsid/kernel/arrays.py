@@ -81,9 +81,7 @@ class Kernel:
     @classmethod
     def of(cls, model: SpacecraftModel) -> Kernel | None:
         """Return the kernel of a model, or ``None`` where the plain way has to be taken."""
-        if not available() or model.forces or model.loads:
-            return None
-        return arrays_of(model)
+        return arrays_of(model, terms=(*model.loads, *model.forces)) if available() else None
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

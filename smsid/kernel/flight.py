@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smsid.kernel.columns import TIME
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
 from smsid.kernel.spatial import cross, dot, plus, three, times_vector, transposed
@@ -345,7 +346,8 @@ def fly(tree, bodies, root, law, craft, senses, h, hold, delay, path, begin, giv
     """Fly from sample ``begin`` on; return the sample where it ends, and why: `FLOWN`, `COMMAND` or `STEP`.
 
     Fills the `Path` from the row of the sample on. What is asked for acts ``delay`` samples later; with
-    ``given`` it is there already at the first sample. Steps are of ``h`` [s], ``hold`` of them a sample.
+    ``given`` it is there already at the first sample. Steps are of ``h`` [s], ``hold`` of them a sample. The
+    time is that in ``root`` at first.
     """
     q, v, exact, seen, asked, state, hits = path
     count, nv, n, w = len(asked), v.shape[1], len(craft.arm), len(craft.wheels)
@@ -356,7 +358,7 @@ def fly(tree, bodies, root, law, craft, senses, h, hold, delay, path, begin, giv
     a, bias = np.empty(6 + joints), np.empty(6 + joints)
     full, system, x = np.empty((6 + joints, 6 + joints)), np.empty((6 + w, 6 + w)), np.empty(6 + w)
     kept, rest = np.empty((0, 7)), np.zeros(nv)
-    before = np.empty(len(state))
+    before, began = np.empty(len(state)), root[TIME]
     for i in range(begin, count):
         row = i * hold
         if i > begin or not given:
@@ -372,6 +374,7 @@ def fly(tree, bodies, root, law, craft, senses, h, hold, delay, path, begin, giv
                 state[:] = before
                 return i, COMMAND
         tau = asked[i - delay] if i >= delay else rest
+        root[TIME] = began + (i - begin) * hold * h
         if held_steps(tree, bodies, root, q[row:], v[row:], tau, h, hold, kept) < hold:
             return i, STEP
     return count, FLOWN

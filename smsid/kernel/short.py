@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 from scipy.integrate import RK45
 
-from smsid.kernel.columns import FREE
+from smsid.kernel.columns import FREE, TIME
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, start_of_chart
 from smsid.kernel.tree import acceleration, workspace
@@ -17,6 +17,7 @@ STEP_ANGLE = 1.0  # [rad] turn of the bus in one step at most
 PARTS, MOST_ERROR = 1.2, 500.0  # steps of fifth order per stretch: safety, error of one beyond which none do
 STAGES = 6
 A, ENDS = np.ascontiguousarray(RK45.A), np.ascontiguousarray(RK45.B)
+PLACES = np.append(RK45.C, 1.0)
 ERRORS, POLYNOMIAL = np.ascontiguousarray(RK45.E), np.ascontiguousarray(RK45.P)
 
 
@@ -31,10 +32,10 @@ def combine(weights, count, k, scale, out):
 
 
 @compiled
-def short_step(tree, bodies, root, q, v, tau, h, scratch, k, y):
+def short_step(tree, bodies, root, q, v, tau, t, h, latest, scratch, k, y):
     """Take a step of Dormand and Prince from q (nq,), v (nv,); (xi, v) at its end are in ``y`` (2 nv,).
 
-    ``k`` (7, 2 nv) are the rates at the stages and the end.
+    ``k`` (7, 2 nv) are the rates at the stages and the end. Times [s] beyond ``latest`` are taken as that.
     """
     work, angles, moved = scratch
     nv = len(v)
@@ -43,6 +44,7 @@ def short_step(tree, bodies, root, q, v, tau, h, scratch, k, y):
         combine(A[s] if s < STAGES else ENDS, s, k, h, y)
         for i in range(nv):
             y[nv + i] += v[i]
+        root[TIME] = min(t + PLACES[s] * h, latest)
         chart_velocity(tree, bodies, root, angles, gravity, y[:nv], y[nv:], tau, moved, work, k[s])
 
 
@@ -71,7 +73,7 @@ def short_steps(tree, bodies, root, times, q, v, tau, parts, step, relative, abs
     k, y, spare = np.empty((STAGES + 1, 2 * nv)), np.empty(2 * nv), np.empty(2 * nv)
     place, speed = np.empty((2, nq)), np.empty(nv)
     for at in range(len(times) - 1):
-        h = times[at + 1] - times[at]
+        h, latest = times[at + 1] - times[at], np.nextafter(times[at + 1], times[at])
         spin = sqrt(v[at, 3] ** 2 + v[at, 4] ** 2 + v[at, 5] ** 2) if free else 0.0
         bound = min(step, STEP_ANGLE / spin) if spin > 0.0 else step
         if not h < SHORT * bound:
@@ -82,7 +84,10 @@ def short_steps(tree, bodies, root, times, q, v, tau, parts, step, relative, abs
             error = 0.0
             for part in range(count):
                 here, there = part % 2, (part + 1) % 2
-                short_step(tree, bodies, root, place[here], speed, tau[at], h / count, scratch, k, y)
+                t = times[at] + part * (h / count)
+                short_step(
+                    tree, bodies, root, place[here], speed, tau[at], t, h / count, latest, scratch, k, y
+                )
                 error = step_error(k, speed, y, h / count, relative, absolute, spare)
                 if not error < 1.0:
                     break
@@ -122,7 +127,8 @@ def short_states(tree, bodies, root, times, q, v, tau, parts, wanted, forces, ou
                 place[0], speed[0] = q[at], v[at]
             while done < part + 1:
                 here, there = done % 2, (done + 1) % 2
-                short_step(tree, bodies, root, place[here], speed[here], tau[at], h, scratch, k, y)
+                t, latest = times[at] + done * h, np.nextafter(times[at + 1], times[at])
+                short_step(tree, bodies, root, place[here], speed[here], tau[at], t, h, latest, scratch, k, y)
                 move(tree, root, place[here], y[:nv], place[there])
                 speed[there] = y[nv:]
                 done += 1
@@ -136,5 +142,6 @@ def short_states(tree, bodies, root, times, q, v, tau, parts, wanted, forces, ou
             move(tree, root, place[here], y[:nv], out_q[m])
             for i in range(nv):
                 out_v[m, i] = speed[here, i] + y[nv + i]
+        root[TIME] = wanted[m]
         g = start_of_chart(tree, root, out_q[m], scratch[1])
         acceleration(tree, bodies, root, scratch[1], out_v[m], forces[m], g, scratch[0], out_a[m])

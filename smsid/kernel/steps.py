@@ -6,7 +6,8 @@ from math import sqrt
 
 import numpy as np
 
-from smsid.kernel.columns import ARMATURE, DAMPING, FREE, GRAVITY, STIFFNESS
+from smsid.kernel.columns import ARMATURE, DAMPING, FORCES, FREE, GRAVITY, STIFFNESS, TIME
+from smsid.kernel.forces import add_forces
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, move_bus, start_of_chart
 from smsid.kernel.spatial import cross, dot, plus, six, three, turned, wrench
@@ -15,10 +16,11 @@ from smsid.kernel.tree import outward, workspace
 DOUBT = 0.05  # of the change of the velocities; a motion of frequency w has (w h)^2 / 12
 SMALL = 1e-6  # [m/s, rad/s] error of the velocities that does not count
 LOST = 1.0  # [rad] turn of the bus in a step
+WITHIN = 1e-9  # of a step, by which its ends are taken within: what begins or ends there is of one side
 
 
 @compiled
-def external_rates(bodies, root, pose, v, tau, work, factor, out):
+def external_rates(bodies, root, pose, angles, v, tau, work, factor, out):
     """Add ``factor`` times the rates of momentum about the inertial origin and of energy to ``out`` (7,).
 
     Right after `acceleration`, whose composite inertia of the bus says where the centre of mass is.
@@ -26,6 +28,9 @@ def external_rates(bodies, root, pose, v, tau, work, factor, out):
     power, n = 0.0, len(bodies)
     free = root[FREE] > 0.0
     start = 6 if free else 0
+    if root[FORCES] > 0.0:
+        applied, tau = tau, tau.copy()
+        add_forces(root, angles, v, applied, 1.0, tau)
     for i in range(len(v)):
         power += v[i] * tau[i]
     for i in range(n):
@@ -85,17 +90,20 @@ def held_steps(tree, bodies, root, q, v, tau, h, count, gained):
 
     Writes the states into the rows that follow, and into ``gained`` (count + 1, 7) by how much momentum and
     energy should have changed since its first row; (0, 7) leaves that out. Returns how many steps were
-    taken: it stops before one whose stages disagree, or that leads to a state that is not finite.
+    taken: it stops before one whose stages disagree, or that leads to a state that is not finite. The time is
+    that in ``root`` at first.
     """
     nv, n = v.shape[1], len(tree)
     free = root[FREE] > 0.0
     work, angles, moved = workspace(n), np.empty(n), np.empty(n)
     k, y, end, pose = np.empty((4, 2 * nv)), np.empty(2 * nv), np.empty(nv), np.empty(7)
-    audit = len(gained) > 0
+    audit, began = len(gained) > 0, root[TIME]
     for step in range(count):
         gravity = start_of_chart(tree, root, q[step], angles)
         for s in range(4):
             ahead = h if s == 3 else 0.5 * h
+            place = 1.0 - WITHIN if s == 3 else 0.5 if s else WITHIN
+            root[TIME] = began + (step + place) * h
             for i in range(nv):
                 y[i] = ahead * k[s - 1, i] if s else 0.0
                 y[nv + i] = v[step, i] + (ahead * k[s - 1, nv + i] if s else 0.0)
@@ -106,7 +114,7 @@ def held_steps(tree, bodies, root, q, v, tau, h, count, gained):
                 if free:
                     move_bus(q[step], y, pose)
                 share = h / 6.0 if s in (0, 3) else h / 3.0
-                external_rates(bodies, root, pose, y[nv:], tau, work, share, gained[step + 1])
+                external_rates(bodies, root, pose, moved, y[nv:], tau, work, share, gained[step + 1])
         first, second, size = 0.0, 0.0, 0.0
         for i in range(nv):
             end[i] = h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])

@@ -13,7 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.kernel.arrays import Kernel
-from smsid.kernel.steps import DOUBT, LOST, SMALL, held_steps
+from smsid.kernel.columns import TIME
+from smsid.kernel.steps import DOUBT, LOST, SMALL, WITHIN, held_steps
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.integrate import Tolerance, run_chart
 from smsid.simulate.stiff_steps import Stiffness
@@ -44,6 +45,7 @@ def take_held_steps(
     kept = np.empty((0, 7)) if gained is None else gained
     while i < count:
         if kernel is not None:
+            kernel.root[TIME] = t + i * h
             i += held_steps(*kernel.arrays, q[i:], v[i:], tau, h, count - i, kept[i:])
             if i == count:
                 return
@@ -82,7 +84,8 @@ def held_step(
         np.dot(pin.Jlog6(pin.exp6(xi[:6])), speed[:6], out=out[:6])
         return out
 
-    a1 = model.acceleration(t, q, v, tau)
+    begin, end = t + WITHIN * h, t + (1.0 - WITHIN) * h
+    a1 = model.acceleration(begin, q, v, tau)
     v2, xi2 = v + half * a1, half * v
     q2 = integrate(m, q, xi2)
     x2, a2 = rate(xi2, v2), model.acceleration(t + half, q2, v2, tau)
@@ -91,7 +94,7 @@ def held_step(
     x3, a3 = rate(xi3, v3), model.acceleration(t + half, q3, v3, tau)
     v4, xi4 = v + h * a3, h * x3
     q4 = integrate(m, q, xi4)
-    x4, a4 = rate(xi4, v4), model.acceleration(t + h, q4, v4, tau)
+    x4, a4 = rate(xi4, v4), model.acceleration(end, q4, v4, tau)
     gained = h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
     # against the midpoint rule with the inner stages, and what these differ by: one may vanish by chance
     errors = h / 6.0 * (a1 - a2 - a3 + a4), h / 3.0 * (a2 - a3)
@@ -100,11 +103,10 @@ def held_step(
     # what spins as fast as that is not stiff but lost
     if doubtful and not (free and h * float(np.linalg.norm(v[3:6])) > LOST):
         return _adaptive(model, t, h, q, v, tau, audit)
-    end = h / 6.0 * (v + 2.0 * (x2 + x3) + x4)
-    reached = integrate(m, q, end), v + gained
+    reached = integrate(m, q, h / 6.0 * (v + 2.0 * (x2 + x3) + x4)), v + gained
     if not audit:
         return *reached, np.zeros(7)
-    stages = ((t, q, v), (t + half, q2, v2), (t + half, q3, v3), (t + h, q4, v4))
+    stages = ((begin, q, v), (t + half, q2, v2), (t + half, q3, v3), (end, q4, v4))
     r1, r2, r3, r4 = (external_rates(model, *stage, tau) for stage in stages)
     return *reached, h / 6.0 * (r1 + 2.0 * (r2 + r3) + r4)
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from smsid.effects import JointFriction
 from smsid.errors import SimulationError
-from smsid.kernel.arrays import arrays_of
+from smsid.kernel.arrays import Kernel, arrays_of
+from smsid.model import build_model
 from smsid.simulate import Inputs, Sampled, Steps, Tolerance, simulate, simulate_closed_loop
 from smsid.simulate.held_chart import HeldChart
 from smsid.simulate.held_step import held_step, take_held_steps
+
+from .test_filter import FORCES, LAWS
 
 
 def held(model, seconds, rate, seed=0):
@@ -46,6 +50,37 @@ def test_open_loop(craft, both_ways, tolerance, rate):
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10 * max(1.0, np.abs(b).max()), err_msg=name)
     assert audit.energy_scale == pytest.approx(expected.energy_scale, rel=1e-9)
     assert audit.energy_drift < 1e-7 * audit.energy_scale
+
+
+RUB = {k: JointFriction(name="rub", joint="joint2", smoothing=0.5, **x) for k, x in LAWS.items()}
+LAWFUL = {**RUB, **FORCES}
+
+
+@pytest.mark.parametrize("law", LAWFUL)
+def test_forces_by_a_law(crafts, both_ways, law):
+    """Open and closed loops with each of the forces the kernel knows, some of which begin on the way."""
+    craft = build_model(crafts["paper"].description.with_effects(LAWFUL[law]))
+    inputs, times = held(craft, 1.0, 100.0), np.linspace(0.0, 1.0, 77)
+
+    def fly():
+        found = simulate(craft, inputs, 1.0, v0=start(craft))
+        loop = simulate_closed_loop(
+            craft, lambda t, q, v: -5.0 * v, 1.0, dt=0.005, control_rate=20.0, v0=start(craft)
+        )
+        return found, found.states(times), found.audit(), loop
+
+    assert Kernel.of(craft) is not None
+    (motion, ours, audit, loop), (_, exact, expected, plain) = both_ways(fly)
+    assert sum(len(c.tau) for c in motion.charts if isinstance(c, HeldChart)) > 40
+    for name in ("q", "v", "a", "tau"):
+        for x, y in ((ours, exact), (loop, plain)):
+            if hasattr(x, name):
+                a, b = getattr(x, name), getattr(y, name)
+                np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10 * max(1.0, np.abs(b).max()))
+    assert audit.energy_drift < 1e-7 * expected.energy_scale
+    assert loop.audit.energy_drift == pytest.approx(
+        plain.audit.energy_drift, abs=1e-11 * plain.audit.energy_scale, rel=1e-6
+    )
 
 
 def test_a_stretch_is_taken_in_parts_where_its_error_says_so(crafts, both_ways):
