@@ -259,15 +259,15 @@ def _method(name: str) -> Method:
 
 def _flight(drive: str, at_rest: bool, start: str | None = None) -> FlightOptions | None:
     """Return how a filter takes recordings, ``None`` for the defaults."""
-    from smsid.estimation.flight import FlightOptions
-    from smsid.estimation.initial_state import InitialPrior
-
     if drive not in ("auto", "command", "measured"):
         raise SmsidError(
             f"Nothing is driven by '{drive}'.", advice="Use --drive auto, command or measured.", drive=drive
         )
     if drive == "auto" and not at_rest and start is None:
         return None
+    from smsid.estimation.flight import FlightOptions  # the filter takes time to load
+    from smsid.estimation.initial_state import InitialPrior
+
     known = [k for k, x in vars(InitialPrior()).items() if type(x) is float]
     sigmas: dict[str, float] = {}
     for name, _, sigma in (x.strip().partition("=") for x in start.split(",")) if start else ():

@@ -85,15 +85,16 @@ def fit(
     prior: Prior,
     patience: int = ITERATIONS,
     *,
-    known: tuple[Evaluation, Normal] | None = None,
+    seen: Evaluation | None = None,
+    known: Normal | None = None,
 ) -> Fit:
     """Return the maximum of the likelihood near ``start``, noise levels estimated with it.
 
-    ``known``: what is seen at the start, and the normal equations there.
+    What may be there already: ``seen`` at the start, and ``known``, the normal equations there.
 
     Raises `ConvergenceError` when the search does not come to rest in ``patience`` iterations.
     """
-    pieces, here = tuple(pieces), known[0] if known else Evaluation.at(pieces, start)
+    pieces, here = tuple(pieces), seen or Evaluation.at(pieces, start)
     damping, cost, gain, past = 0.0, np.inf, np.inf, np.inf
     found, there, spent = None, start.parameters, False
     visits: list[Iterate] = []
@@ -114,7 +115,7 @@ def fit(
         cost = here.cost(pieces, prior)
         visits.append(Iterate.of(here, pieces, cost, walked))
         if not (settled and spent and found is not None):
-            found = known[1] if known and not iteration else normal_at(pieces, here, prior)
+            found = known if known and not iteration else normal_at(pieces, here, prior)
             there, moved = here.point.parameters, np.zeros(len(found.gradient))
             gain = found.motion_gain + float(found.gradient @ found.solved())
         own = gain - found.motion_gain  # what is not the joints' motion alone

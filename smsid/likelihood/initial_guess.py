@@ -23,31 +23,30 @@ logger = logging.getLogger(__name__)
 TRUST = 0.01  # the linear method's results are trusted no further than this, relative to the body's size
 
 
-def best_start(pieces: Sequence[RecordingTerm], points: Sequence[Point], prior: Prior) -> Point:
-    """Return the point whose prediction is nearest to the data: a biased sensor can spoil the linear method.
+def best_start(pieces: Sequence[RecordingTerm], points: Sequence[Point], prior: Prior) -> Evaluation:
+    """Return what is seen at the point whose prediction is nearest to the data.
 
+    A biased sensor can spoil the linear method.
     The last is asked first, and taken without a look at the others where it is near the maximum.
 
     Raises `SimulationError` when none of them can be predicted from.
     """
-    if len(points) == 1:
-        return points[0]
-    costs: list[float] = []
+    found: list[tuple[float, Evaluation]] = []
     failure: SimulationError | None = None
     samples = sum(c.values.shape[0] * c.width for p in pieces for c in p.channels)
-    for point in (points := points[::-1]):
+    for point in points[::-1]:
         try:
-            costs.append(Evaluation.at(pieces, point).cost(pieces, prior))
-            if costs[0] < NEARBY * samples:
-                break
+            seen = Evaluation.at(pieces, point)
         except SimulationError as error:
             failure = error
-            costs.append(np.inf)
-    best = int(np.argmin(costs))
-    if failure is not None and not np.isfinite(costs[best]):
+            continue
+        found.append((seen.cost(pieces, prior), seen))
+        if failure is None and found[0][0] < NEARBY * samples:
+            break
+    if failure is not None and not any(np.isfinite(cost) for cost, _ in found):
         raise failure
-    logger.info("starting candidates: %s", ", ".join(f"{c:.4g}" for c in costs))
-    return points[best]
+    logger.info("starting candidates: %s", ", ".join(f"{cost:.4g}" for cost, _ in found))
+    return min(found, key=lambda f: f[0])[1]
 
 
 def candidates(described: Parameters, found: Identification | None) -> list[Parameters]:

@@ -80,7 +80,7 @@ def resolve_motion(found: Fit, prior: Prior, gradients: Gradients, changed: bool
         logger.info("finer joint motion: sigma x %.3g, shift %.2g sigma", change.growth, change.shift)
         if change.is_enough:
             return found, True
-        again, changed = fit(pieces, seen.point, prior, known=(seen, finer)), True
+        again, changed = fit(pieces, seen.point, prior, seen=seen, known=finer), True
         steps = found.iterations + again.iterations
         found = replace(again, iterations=steps, visits=(*found.visits, *again.visits))
 

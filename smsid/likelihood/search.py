@@ -31,7 +31,7 @@ class Search:
     visits: tuple[Iterate, ...]
 
 
-def search(pieces: Sequence[RecordingTerm], start: Point, prior: Prior) -> Search:
+def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> Search:
     """Return the maximum of the likelihood near ``start``, with the clocks that do not agree with the rest.
 
     A clock is doubted at the maximum without it (`worst_clock`), or where a search is that does not come to
@@ -42,36 +42,45 @@ def search(pieces: Sequence[RecordingTerm], start: Point, prior: Prior) -> Searc
     """
     names: list[str] = []
     right: set[str] = set()
-    known: Sequence[dict[str, np.ndarray]] = [{} for _ in pieces]
     visits: list[Iterate] = []
+    own, point, seen = pieces, start.point, start
     while True:
-        own = [p.with_clocks(names) for p in pieces]
-        locals_ = tuple(
-            replace(x, clock={**zero_clocks(p.slots), **{n: k[n] for n in names if n in k}})
-            for p, x, k in zip(own, start.locals, known, strict=True)
-        )
-        where, worst = _looked_around(own, Point(start.parameters, locals_), prior, right, visits)
+        where, worst = _looked_around(own, point, prior, right, visits, seen)
         assert where.seen is not None
-        known = [x.clock for x in where.seen.point.locals]
         if worst is not None:
             names.append(worst)
-            continue
-        assert isinstance(where, Fit)
-        more = right_clocks(where, names)
-        if not more:
-            return Search(where, tuple(names), tuple(visits))
-        right |= more
-        names = [n for n in names if n not in more]
+        else:
+            assert isinstance(where, Fit)
+            more = right_clocks(where, names)
+            if not more:
+                return Search(where, tuple(names), tuple(visits))
+            right |= more
+            names = [n for n in names if n not in more]
+        own = [p.with_clocks(names) for p in pieces]
+        known = [x.clock for x in where.seen.point.locals]
+        locals_ = tuple(
+            replace(x, clock={**zero_clocks(p.slots), **{n: k[n] for n in names if n in k}})
+            for p, x, k in zip(own, start.point.locals, known, strict=True)
+        )
+        point, seen = Point(start.point.parameters, locals_), None
 
 
 def _looked_around(
-    pieces: Sequence[RecordingTerm], start: Point, prior: Prior, right: Collection[str], visits: list[Iterate]
+    pieces: Sequence[RecordingTerm],
+    start: Point,
+    prior: Prior,
+    right: Collection[str],
+    visits: list[Iterate],
+    seen: Evaluation | None,
 ) -> tuple[Fit | ConvergenceError, str | None]:
-    """The maximum, or where a search is stuck for a wrong clock; and which clock is to be doubted there."""
+    """The maximum, or where a search is stuck for a wrong clock; and which clock is to be doubted there.
+
+    ``seen`` at the start, if that is known already.
+    """
     where: Fit | ConvergenceError
     for patience in (PATIENCE, ITERATIONS):
         try:
-            where = _searched(pieces, start, prior, visits, patience)
+            where = _searched(pieces, start, prior, visits, patience, seen)
         except ConvergenceError as stuck:
             if stuck.seen is None:
                 raise
@@ -81,23 +90,29 @@ def _looked_around(
         worst = worst_clock(where.pieces, where.seen, prior, right)
         if worst is not None or isinstance(where, Fit):
             return where, worst
-        start = _begun(pieces, where.seen.point)
+        start, seen = _begun(pieces, where.seen.point), None
     raise where
 
 
 def _searched(
-    pieces: Sequence[RecordingTerm], start: Point, prior: Prior, visits: list[Iterate], patience: int
+    pieces: Sequence[RecordingTerm],
+    start: Point,
+    prior: Prior,
+    visits: list[Iterate],
+    patience: int,
+    seen: Evaluation | None,
 ) -> Fit:
     """The maximum near a start; where clocks are sought, samples near jumps are chosen by where they end."""
     moved = 0.0
     for _ in range(ROUNDS):
         own = [away_from_jumps(p, local) for p, local in zip(pieces, start.locals, strict=True)]
-        found = fit(own, start, prior, patience)
+        same = all(a is b for a, b in zip(own, pieces, strict=True))
+        found = fit(own, start, prior, patience, seen=seen if same else None)
         visits += found.visits
         moved = largest_clock_shift(start.locals, found.point.locals, found.pieces)
         if moved < GUARD / 2:
             return found
-        start = _begun(pieces, found.point)
+        start, seen = _begun(pieces, found.point), None
     raise NotIdentifiableError(
         f"A clock moves by {moved:.3g} s from one search to the next: it cannot be told.",
         advice="Correct the sensors' clocks first: `smsid.recording.lag.estimate_lag` compares two of them.",
@@ -201,7 +216,7 @@ def away_from_jumps(piece: RecordingTerm, local: NuisanceValues) -> RecordingTer
     which side it belongs. Where the jumps are, by the sensor's own clock, is as ``local`` has it.
     """
     jumps = piece.timeline.edges[1:-1]
-    if not len(jumps):
+    if not (len(jumps) and local.clock):
         return piece
     channels = []
     for c in piece.channels:
