@@ -14,6 +14,8 @@ from smsid.kernel.arrays import Kernel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.simulate.held_chart import HeldRun
 
+BLOCK = 2048  # of mass matrices at a time
+
 
 class Dynamics:
     """Right-hand side of (10)-(15) under given inputs.
@@ -63,9 +65,13 @@ class Dynamics:
             for i in range(len(times)):
                 term(float(times[i]), q[i], v[i], tau[i])
         a, reaction = np.empty_like(tau), np.zeros_like(tau)
-        if self._hybrid_needed:
+        if self._hybrid_needed and m.inertial is not None:
             for i in range(len(times)):
                 a[i], reaction[i] = self._hybrid(float(times[i]), q[i], v[i], tau[i])
+        elif self._hybrid_needed:
+            for first in range(0, len(times), BLOCK):
+                own = slice(first, first + BLOCK)
+                a[own], reaction[own] = self._hybrids(times[own], q[own], v[own], tau[own])
         else:
             aba, model, data = pin.aba, m.pin, m.data
             for i in range(len(times)):
@@ -106,6 +112,24 @@ class Dynamics:
         a[free] = x
         reaction = np.zeros(m.nv)
         reaction[given] = mass[self._given_free] @ x - rhs[given]
+        return a, reaction
+
+    def _hybrids(
+        self, times: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Do what `_hybrid` does at times (N,) at once, where inertia is that of the bodies alone."""
+        m, free, given = self.model, self.prescribed.free, self.prescribed.index
+        mass, rhs = np.empty((len(times), m.nv, m.nv)), tau.copy()
+        a, reaction = np.zeros_like(tau), np.zeros_like(tau)
+        for i in range(len(times)):
+            mass[i] = pin.crba(m.pin, m.data, q[i])
+            rhs[i] -= pin.nonLinearEffects(m.pin, m.data, q[i], v[i])
+        mass = np.triu(mass) + np.swapaxes(mass * self._above, 1, 2)
+        if self.prescribed.motion is not None:
+            a[:, self.prescribed.joints] = sample(self.prescribed.motion.acceleration, times)
+            rhs -= (mass[:, :, given] @ a[:, given, None])[..., 0]
+        a[:, free] = np.linalg.solve(mass[:, free][:, :, free], rhs[:, free, None])[..., 0]
+        reaction[:, given] = (mass[:, given][:, :, free] @ a[:, free, None])[..., 0] - rhs[:, given]
         return a, reaction
 
     def enforce(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

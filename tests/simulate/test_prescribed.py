@@ -13,6 +13,7 @@ from smsid.effects import JointFriction
 from smsid.errors import ExperimentError
 from smsid.model import build_model
 from smsid.simulate import Constant, Fourier, Inputs, JointMotion, Sampled, Steps, Tolerance, simulate
+from smsid.simulate.dynamics import Dynamics
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 PAPER = load_description(URDF / "paper_sms.toml")
@@ -78,6 +79,15 @@ def test_joints_follow_their_prescribed_motion_exactly():
         np.testing.assert_allclose(found, [signal(float(t)) for t in times], atol=1e-12)
     others = np.setdiff1d(np.arange(MODEL.nv), j)
     np.testing.assert_array_equal(states.reaction[:, others], 0.0)
+
+
+@pytest.mark.parametrize("inputs", [MOVING, HELD], ids=["moving", "held"])
+def test_accelerations_at_many_times_are_those_at_each(inputs):
+    states, dynamics = simulate(MODEL, inputs, 2.0).states(np.linspace(0.0, 2.0, 9)), Dynamics(MODEL, inputs)
+    found = [
+        dynamics.acceleration(float(t), q, v) for t, q, v in zip(states.time, states.q, states.v, strict=True)
+    ]
+    np.testing.assert_allclose(states.a, found, atol=1e-13)
 
 
 def test_the_reaction_fed_back_as_torque_reproduces_the_motion():
