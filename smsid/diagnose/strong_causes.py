@@ -63,8 +63,10 @@ def coarse_cause(
     ahead = sorted((s for s in best.values() if s[0] > nothing), key=lambda s: -s[0])
     LOGGER.info("coarse: %.1f without; %s", nothing, [(c.key, likely) for likely, c, _ in ahead[:8]])
     close = THRESHOLDS.coarse_close * (ahead[0][0] - nothing) if ahead else 0.0
-    tried = [(c, at) for likely, c, at in ahead if likely - nothing > close][:TRIED]
-    fitted = [(c, f) for c, at in tried if (f := _fitted(c, at, problem, unknowns)) is not None]
+    best_place = ahead[0][1].key[:2] if ahead else ()
+    # where a model may err, laws of one effect differ less by their likelihood than by where they were begun
+    tried = [(c, at) for likely, c, at in ahead if likely - nothing > close or c.key[:2] == best_place]
+    fitted = [(c, f) for c, at in tried[:TRIED] if (f := _fitted(c, at, problem, unknowns)) is not None]
     if not fitted:
         return None
     candidate, found = min(fitted, key=lambda x: x[1].objective)

@@ -102,6 +102,7 @@ class SloshNonlinearity(TankEffect):
     summary = "spring and damping of a slosh mass that depend on amplitude"
     aliases = ("slosh",)
     strength = ("cubic", "quadratic_damping")
+    strong = {"cubic": (30.0, 300.0, 3e3, 3e4), "quadratic_damping": (30.0, 300.0)}
     in_words = "the fuel in {place} moves non-linearly: {shape}"
     kind: Literal["slosh_nonlinearity"] = "slosh_nonlinearity"
     law: Literal["radial", "per_axis"] = Field(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .effect import Hidden, plain
 from .experiment import RATE, column_names
@@ -257,8 +258,7 @@ def _scale(channel: str, axis: int, size: float) -> Change:
 
 def _misaligned(channel: str, angles: Array) -> Change:
     def fault(t: Array, x: Array) -> Array:
-        # small rotation of the axes, exact to second order: what the turned axes see of x
-        return x - np.cross(angles, x) + 0.5 * np.cross(angles, np.cross(angles, x))
+        return Rotation.from_rotvec(angles).apply(x, inverse=True)  # what the turned axes see of x
 
     return _ideal(channel, fault)
 
