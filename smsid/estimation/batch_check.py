@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from smsid.estimation.contradictions import Contradiction, Part, contradictions_of
 from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
 from smsid.estimation.prior_conflict import PriorConflict, conflict_of, has_mass
 from smsid.likelihood.channels import described_sigma
+from smsid.likelihood.recording_term import RecordingTerm
 from smsid.likelihood.refine import Refinement, seen_in
 
 AXES = "xyz"
@@ -20,9 +23,16 @@ def batch_quality(refinement: Refinement) -> FitQuality:
     Priors that the recordings contradict count, too.
     """
     found = refinement.fit
+    return FitQuality(channels_left(found.pieces, found.seen.residuals), 1.0, batch_conflict(refinement))
+
+
+def channels_left(
+    pieces: Sequence[RecordingTerm], residuals: Sequence[list[np.ndarray]]
+) -> tuple[ChannelFit, ...]:
+    """Return at what size ``residuals`` (N, k) by piece and channel are left, where noise is stated."""
     channels = []
-    for piece, residuals in zip(found.pieces, found.seen.residuals, strict=True):
-        for channel, r in zip(piece.channels, residuals, strict=True):
+    for piece, own in zip(pieces, residuals, strict=True):
+        for channel, r in zip(piece.channels, own, strict=True):
             stated = described_sigma(channel.sensor, channel.quantity, r.shape[1])
             if not (stated > 0.0).all() or not len(r):
                 continue
@@ -34,7 +44,7 @@ def batch_quality(refinement: Refinement) -> FitQuality:
             judgement = "not explained" if worst > WRONG else "roughly" if worst > LOUD else "explained"
             name = f"{channel.name}[{AXES[k] if r.shape[1] == 3 else k}]"
             channels.append(ChannelFit(piece.name, channel.name, name, worst, np.nan, np.nan, judgement))
-    return FitQuality(tuple(channels), 1.0, batch_conflict(refinement))
+    return tuple(channels)
 
 
 def batch_conflict(refinement: Refinement) -> PriorConflict | None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
-from smsid.estimation.batch_check import batch_contradictions, batch_quality
+from smsid.estimation.batch_check import batch_contradictions, batch_quality, channels_left
 from smsid.estimation.contradictions import Contradiction
 from smsid.estimation.fit_quality import FitQuality
 from smsid.identify.commanded import excited_axes
@@ -20,6 +20,7 @@ from smsid.identify.paper.pipeline import Identification
 from smsid.identify.paper.pipeline import identify as by_the_paper
 from smsid.identify.sensor_correction import without_known_errors
 from smsid.likelihood.channels import BIASED
+from smsid.likelihood.fit import ConvergenceError
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.refine import Refinement, refine
 from smsid.recording import Recording
@@ -128,10 +129,16 @@ def identify_spacecraft(
 def _with_wrong_columns(
     error: SmsidError, description: Description, recordings: Sequence[Recording]
 ) -> SmsidError:
-    """Return the error of a search without rest, with the columns that may be wrong; another one as it is."""
+    """Return the error of a search without rest, with the columns that may be wrong and what was left where
+    it stopped; another one as it is.
+    """
     wrong = _better_columns(description, recordings, isinstance(error, NotIdentifiableError))
-    advice = ". ".join([*wrong, error.advice])
-    return NotIdentifiableError(error.message, advice=advice, **error.evidence) if wrong else error
+    left = []
+    if isinstance(error, ConvergenceError) and error.seen is not None:
+        channels = channels_left(error.pieces, error.seen.residuals)
+        left = [f"Where it stopped: {FitQuality(channels, 1.0, None).sentence}"]
+    advice = " ".join([*(f"{w}." for w in wrong), *left, error.advice])
+    return NotIdentifiableError(error.message, advice=advice, **error.evidence) if wrong or left else error
 
 
 def _better_columns(description: Description, recordings: Sequence[Recording], bad: bool) -> list[str]:

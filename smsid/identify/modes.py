@@ -96,9 +96,9 @@ FAR = 5.0  # factor by which all frequencies together may be off
 def match_modes(found: Sequence[Mode], described: Sequence[DescribedMode]) -> dict[int, int]:
     """Return which found mode (value) is which described one (key): nearest in the logarithm of frequency.
 
-    A described mode that none is found within `SAME_MODE` of stays unmatched and does not push the others on.
-    Where a common factor on all described frequencies, as a wrong stiffness gives, brings more of them in tune
-    than are near as they are, it is taken.
+    A described mode that none is found within `SAME_MODE` of stays unmatched; it does not push the others on.
+    Where a common factor on all described frequencies, as a wrong stiffness gives, brings more of them in
+    tune than are near as they are, it is taken.
     """
     if not found or not described:
         return {}

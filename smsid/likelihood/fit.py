@@ -117,6 +117,8 @@ def fit(
         if not (settled and spent and found is not None):
             found = known if known and not iteration else normal_at(pieces, here, prior)
             there, moved = here.point.parameters, np.zeros(len(found.gradient))
+            if not (np.isfinite(found.gradient).all() and np.isfinite(found.information).all()):
+                raise _stuck(cost, np.inf, iteration).at(pieces, here, visits)
             gain = found.motion_gain + float(found.gradient @ found.solved())
         own = gain - found.motion_gain  # what is not the joints' motion alone
         said = "%d: cost %.8g, gain %.3g, %.2g of parameters, noise %.2g, damping %.1e"

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
+from smsid.likelihood.channels import Channel, described_sigma
 from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, Iterate, fit
 from smsid.likelihood.normal import normal_at
 from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues, deviation, zero_clocks
@@ -20,6 +21,9 @@ from smsid.likelihood.recording_term import RecordingTerm
 
 ROUNDS = 6  # of choosing the samples near jumps
 PATIENCE = 25  # iterations after which clocks are doubted although the search has not come to rest
+LOUD = 3.0  # times its stated noise beyond which no model that is right leaves a sensor
+EXPLAINED = 0.1  # share of what such a sensor leaves that its clock has to explain, to be doubted
+GROSS, RECENT = 10.0, 10  # times the stated noise that is left, and iterations in which it has to halve
 
 
 @dataclass(frozen=True)
@@ -90,8 +94,31 @@ def _looked_around(
         worst = worst_clock(where.pieces, where.seen, prior, right)
         if worst is not None or isinstance(where, Fit):
             return where, worst
+        if _hopeless(where):
+            break
         start, seen = _begun(pieces, where.seen.point), None
     raise where
+
+
+def _hopeless(stuck: ConvergenceError) -> bool:
+    """Whether a search leaves a channel grossly louder than stated, and has long not got much further."""
+    if len(stuck.visits) <= RECENT:
+        return False
+    channels = [c for p in stuck.pieces for c in p.channels]
+
+    def loudest(visit: Iterate) -> float:
+        squares = [s for own in visit.squares for s in own]
+        pairs = zip(channels, squares, strict=True)
+        return max((loudness(c, float(np.diag(s).max())) for c, s in pairs), default=0.0)
+
+    now, before = loudest(stuck.visits[-1]), loudest(stuck.visits[-1 - RECENT])
+    return now > max(GROSS, 0.5 * before)
+
+
+def loudness(channel: Channel, square: float) -> float:
+    """Return what a channel leaves, mean ``square``, in its stated noise; zero where none is stated."""
+    stated = described_sigma(channel.sensor, channel.quantity, channel.width)
+    return float(np.sqrt(square) / stated.min()) if (stated > 0.0).all() else 0.0
 
 
 def _searched(
@@ -164,15 +191,16 @@ def worst_clock(
 ) -> str | None:
     """Return the sensor whose clock does not agree with the rest, if there is one; those ``good`` are not.
 
-    Of several in doubt it is the one whose offset and drift, in all recordings and with everything else
+    A sensor that leaves far more than its noise is in doubt only where its clock explains some of it. Of
+    several in doubt it is the one whose offset and drift, in all recordings and with everything else
     estimated, would lower the sum of squares most: a wrong clock pulls at what all sensors share.
     """
     names: set[str] = set()
     for piece, prediction, residuals in zip(pieces, seen.predictions, seen.residuals, strict=True):
         names |= set(doubtful_clocks(piece, seen.point.parameters, prediction, residuals))
     names -= set(good)
-    if len(names) < 2:
-        return next(iter(names), None)
+    if not names:
+        return None
     asked = [p.with_clocks(sorted(names)) for p in pieces]
     locals_ = [
         replace(x, clock={**zero_clocks(p.slots), **x.clock})
@@ -186,6 +214,8 @@ def worst_clock(
             if s.kind in CLOCK_KINDS and s.channel in names:
                 places[s.channel].append(first + s.start)
         first += piece.size
+    if not (np.isfinite(normal.information).all() and np.isfinite(normal.gradient).all()):
+        return None
     scale = 1.0 / np.sqrt(np.diag(normal.information))
     information, gradient = normal.information * np.outer(scale, scale), normal.gradient * scale
 
@@ -194,7 +224,17 @@ def worst_clock(
         free = np.setdiff1d(np.arange(len(gradient)), held)
         return float(gradient[free] @ np.linalg.solve(information[np.ix_(free, free)], gradient[free]))
 
-    return max(sorted(names), key=gain)
+    left, loud = dict.fromkeys(names, 0.0), dict.fromkeys(names, 0.0)
+    for piece, residuals in zip(pieces, seen.residuals, strict=True):
+        for c, r in zip(piece.channels, residuals, strict=True):
+            if c.sensor.name in names:
+                left[c.sensor.name] += float(np.sum((r @ c.whitening.T) ** 2))
+                loudest = loudness(c, float(np.mean(r**2, axis=0).max()))
+                loud[c.sensor.name] = max(loud[c.sensor.name], loudest)
+    without, gains = gain(""), {name: gain(name) for name in names}
+    # of what a wrong model leaves, a clock explains a little, too
+    explain = [n for n in names if loud[n] < LOUD or gains[n] - without > EXPLAINED * left[n]]
+    return max(sorted(explain), key=lambda name: gains[name], default=None)
 
 
 def right_clocks(found: Fit, names: Collection[str]) -> set[str]:
