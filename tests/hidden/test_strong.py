@@ -14,13 +14,15 @@ pytest.importorskip("smsid.diagnose")
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "value", "kind", "parameter"),
+    ("world", "name", "value", "kind", "parameter"),
     [
-        ("payload:mass@tool", 60.0, "payload", "mass"),
+        ("arm", "payload:mass@tool", 60.0, "payload", "mass"),
+        ("sms", "slosh_nonlinearity:cubic@tank", 7000.0, "slosh_nonlinearity", "cubic"),
+        ("sms", "sensor_misalignment:angles.z@imu.angular_rate", -0.4, "sensor_misalignment", "angles.z"),
     ],
 )
-def test_a_strong_cause_is_named(name, value, kind, parameter, tmp_path):
-    run = Run(1, "single", "arm", (Injected(hidden_effects("arm")[name], value, 1e4),))
+def test_a_strong_cause_is_named(world, name, value, kind, parameter, tmp_path):
+    run = Run(1, "single", world, (Injected(hidden_effects(world)[name], value, 1e4),))
     found = diagnosis_of(files_of(run, tmp_path), tmp_path)
     assert found["verdict"] == "explained", found["sentence"]
     cause = found["causes"][0]

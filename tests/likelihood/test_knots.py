@@ -131,7 +131,7 @@ def test_a_gap_between_readings_forbids_finer_knots():
 
 def test_a_search_with_knots_as_close_as_nodes_comes_to_rest():
     """Only the joints' motion could gain, by derivatives that are not exact there: it had been an error."""
-    flown = refine(rigid(), [to_and_fro(build_model(rigid()), 6000)])
+    flown = refine(rigid(), [to_and_fro(build_model(rigid()), 6000, 9)])
     pieces, locals_ = refined_motion(flown.fit.pieces, flown.fit.point)
     assert pieces[0].drive.joints.spacing < 0.6 * flown.fit.pieces[0].drive.joints.spacing
     found = fit(pieces, Point(flown.fit.point.parameters, locals_), flown.prior)
@@ -142,7 +142,7 @@ def test_a_search_with_knots_as_close_as_nodes_comes_to_rest():
 
 def test_a_long_flight_has_knots_as_close_as_its_part_needed():
     """Whether they are enough is asked of the part alone, and a note says so."""
-    whole = to_and_fro(build_model(rigid()), 6000)
+    whole = to_and_fro(build_model(rigid()), 6000, 9)
     part = refine(rigid(), [whole.window(0.0, 40.0)])
     pieces, locals_ = refined_motion(part.fit.pieces, part.fit.point)
     finer = replace(part, fit=fit(pieces, Point(part.fit.point.parameters, locals_), part.prior))
