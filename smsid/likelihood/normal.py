@@ -162,6 +162,7 @@ class Normal:
         return part.T @ part
 
 
+@np.errstate(over="ignore", invalid="ignore")  # where a search is lost is told by its values
 def normal_at(
     pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Prior, *, with_data: bool = True
 ) -> Normal:
