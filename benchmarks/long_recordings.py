@@ -65,7 +65,7 @@ def rigid() -> Description:
     return d.model_copy(update={"effect": (), "sensor": sensors})
 
 
-def to_and_fro(model: SpacecraftModel, samples: int, seed: int) -> Recording:
+def to_and_fro(model: SpacecraftModel, samples: int, seed: int = 9) -> Recording:
     """So many samples of the motion, with the sensors' noise."""
     sensors = {s.name: s for s in model.description.sensor}
     inputs = Inputs(
