@@ -16,6 +16,7 @@ from smsid.diagnose.model_comparison import (
     DetectionThresholds,
     aliases_of,
     cost,
+    each_may_be_zero,
     is_distinguishable,
     refit,
     strengths,
@@ -198,7 +199,7 @@ def eliminate_backward(
     proven: Collection[tuple[str, str, str]] = (),
 ) -> tuple[list[Cause], Fit]:
     """Leave out causes that the others made unnecessary, by Wald's statistic: of all parameters, or of those
-    that make it do something.
+    that make it do something; or as each of these may be zero by itself.
 
     One that is far from doing nothing as far as its further parameters are what they are (the gap of a
     backlash, which goes with the torque of its crossing) is left out only where it is not missed. Those
@@ -207,6 +208,8 @@ def eliminate_backward(
 
     def doubtful(cause: Cause) -> bool:
         own = cause.score.candidate
+        if each_may_be_zero(last, own):
+            return True
         whole = float(chi2.sf(wald(last, own), len(own.free)))
         alone = float(chi2.sf(wald(last, own, strength=True), sum(strengths(own))))
         if own.key in proven:

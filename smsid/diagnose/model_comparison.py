@@ -11,6 +11,7 @@ from math import comb
 import numpy as np
 from scipy.stats import chi2
 
+from smsid._statistics import NORMAL95
 from smsid.diagnose.profiled_hypothesis import Resolved
 from smsid.diagnose.score_test import Candidate, Score, correlation, odds
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
@@ -353,3 +354,12 @@ def strengths(candidate: Candidate) -> np.ndarray:
     stated = fields if candidate.effect is None else candidate.effect.strength
     named = np.array([field in stated for field in fields])
     return named if named.any() else np.arange(len(fields)) == 0
+
+
+def each_may_be_zero(found: Fit, candidate: Candidate) -> bool:
+    """Whether the 95 % interval of every parameter that makes a candidate do something holds nothing."""
+    names = [u.name for u in found.unknowns]
+    index = np.array([names.index(n) for n in candidate.free])[strengths(candidate)]
+    sigma = np.sqrt(np.diag(found.covariance())[index])
+    shift = [found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index]
+    return bool((np.abs(shift) <= NORMAL95 * sigma).all())

@@ -14,7 +14,8 @@ from smsid.diagnose.noise_covariance import Fitted, but_for_a_structure
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
 from smsid.diagnose.stepwise import Search
-from smsid.diagnose.verdict import causes, impossible
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.verdict import causes, impossible, own_component_left
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, fit
 
@@ -27,9 +28,10 @@ def standing(found: Search, named: Sequence[FoundCause]) -> tuple[Search, tuple[
     elsewhere, ``None`` in the place of the others; ``named`` are all of them.
 
     Their values can be, nothing of another place looks like them, and they are needed also where what is left
-    is taken as unknown, and act at no place of that: the equations and channels that still depend on
-    something, or where misfit is counted, a structure whose own motion is all that is not followed. Their
-    values are those they have then: before, they bent to the rest.
+    is taken as unknown: the equations and channels that still depend on something, or where misfit is
+    counted, a structure whose own motion is all that is not followed. Their values are those they have then:
+    before, they bent to the rest. Of causes at a place that is unknown, only those of such a structure stand,
+    with the misfit counted in their values, where the causes take most of it away.
     """
     rest = None
     if named:
@@ -37,18 +39,23 @@ def standing(found: Search, named: Sequence[FoundCause]) -> tuple[Search, tuple[
     if rest is None:
         return found, (None,) * len(named)
     last, lost = rest
+    mostly = found.misfit and found.followed >= THRESHOLDS.mostly
+    there = [any(is_at(told.location, place) for place in lost.values()) for told in named]
     stand = [
         not impossible(told)
         and all((a.location, a.family) == (told.location, told.family) for a in told.aliases)
-        and not any(is_at(told.location, place) for place in lost.values())
-        and _needed(found, cause, last)
-        for cause, told in zip(found.causes, named, strict=True)
+        and (mostly or not here)
+        and (found.misfit or not own_component_left(found, cause))
+        and _needed(found, cause, found.last if here else last)
+        for cause, told, here in zip(found.causes, named, there, strict=True)
     ]
-    kept = tuple(c for c, yes in zip(found.causes, stand, strict=True) if yes)
+    elsewhere = [yes and not here for yes, here in zip(stand, there, strict=True)]
+    kept = tuple(c for c, yes in zip(found.causes, elsewhere, strict=True) if yes)
     unknown = f"taken as unknown where causes elsewhere are judged: {', '.join(lost)}"
     by = replace(found, last=last, causes=kept, failed=(*found.failed, unknown) if kept else found.failed)
     values = iter(causes(by))
-    return by, tuple(next(values) if yes else None for yes in stand)
+    own = [next(values) if yes else told for yes, told in zip(elsewhere, named, strict=True)]
+    return by, tuple(told if yes else None for yes, told in zip(stand, own, strict=True))
 
 
 def _needed(found: Search, cause: Cause, rest: Fit) -> bool:

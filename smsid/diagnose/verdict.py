@@ -8,10 +8,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import chi2
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.change_time_posterior import Began, onset_posteriors
-from smsid.diagnose.model_comparison import FEW, Cause
+from smsid.diagnose.model_comparison import FEW, Cause, strengths, wald
+from smsid.diagnose.noise_covariance import strays_by_row
 from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.specification_tests import SpecificationTest
@@ -194,7 +196,8 @@ def verdict(
     """
     left, words = found.left, _in_words(named)
     hints = named if hints is None else hints
-    doubted = next((d for d in map(impossible, named) if d), "")
+    doubts = (*map(impossible, named), *(_may_be_nothing(found, c) for c in found.causes))
+    doubted = next((d for d in doubts if d), "")
     if doubted:
         what = f": what would ({_in_words(hints)}) is not believed" if hints else ""
         what += f", as {doubted}."
@@ -209,6 +212,10 @@ def verdict(
         return "unexplained", sentence + _parts(hints, standing, beside)
     if is_piecewise_drift(named):
         return "unexplained", IN_PIECES.format(words)
+    open_ = _left_by_causes(found)
+    if open_:
+        said = f"The simulation does not explain the recording: {open_}."
+        return "unexplained", said + _parts(hints, standing)
     if named:
         return "explained", f"The simulation lacks {words}."
     return "adequate", "The simulation explains the recording to its noise."
@@ -252,7 +259,7 @@ def _with_misfit(
     mostly = bool(words) and found.followed >= THRESHOLDS.mostly
     if mostly and is_piecewise_drift(named):
         return "unexplained", IN_PIECES.format(words)
-    beside = next((x for x in (_own_channel_left(found, c) for c in named) if x), "")
+    beside = _left_by_causes(found)
     if mostly and not beside:
         return "explained", f"The simulation lacks {words}; {rest}, and is counted in the uncertainties."
     why = f"{beside}; {rest}" if mostly else f"{rest}, and no cause fits it"
@@ -294,7 +301,6 @@ def describe(cause: FoundCause) -> str:
 
 
 DRAGS = ("viscous", "quadratic", "cubic")
-OF_JOINTS = ("joint_position", "joint_velocity")
 
 
 def impossible(cause: FoundCause) -> str:
@@ -321,19 +327,29 @@ def impossible(cause: FoundCause) -> str:
     return ""
 
 
-def _own_channel_left(found: Search, cause: FoundCause) -> str:
-    """Return which channel a cause shows in directly is still far from explained, if one is."""
-    for channel, left in found.noise.items():
-        if left > THRESHOLDS.own_channel and _shows_in(found, cause, channel):
-            return f"{channel} is left at {left:.3g} times its noise"
-    return ""
+def _may_be_nothing(found: Search, cause: Cause) -> str:
+    """Return in words that a cause is told from none no longer, beside all that was found; else nothing."""
+    own = cause.score.candidate
+    chance = float(chi2.sf(wald(found.last, own, strength=True), sum(strengths(own))))
+    told = f"{own.shape} ({own.kind}) at {own.location} may as well be nothing"
+    return told if chance > THRESHOLDS.nested else ""
 
 
-def _shows_in(found: Search, cause: FoundCause, channel: str) -> bool:
-    place = cause.location.partition("[")[0]
-    if cause.family == "sensor":
-        return channel == place or channel.partition(".")[0] == place
-    quantity = channel.partition(".")[2]
-    if quantity in OF_JOINTS:
-        return place in found.last.point.base.arm_joints.names
-    return quantity == "wheel_rate" and place in found.last.point.base.wheels.names
+def _left_by_causes(found: Search) -> str:
+    return next((left for c in found.causes if (left := own_component_left(found, c))), "")
+
+
+def own_component_left(found: Search, cause: Cause) -> str:
+    """Return which component a cause changes most, in stated noise, where that is still left far off.
+
+    By misfit where that is counted, else by prediction errors beyond the noise as fitted.
+    """
+    last, free = found.last, cause.score.candidate.free
+    index = [i for i, u in enumerate(last.unknowns) if u.name in free]
+    away = [last.point.value(last.unknowns[i]) - last.unknowns[i].nominal for i in index]
+    done = last.whitened[:, :, index] @ (np.array(away) / last.scales[index]) * found.factors
+    own = int(np.argmax((done**2).sum(axis=0)))
+    left = found.factors if found.misfit else strays_by_row(last.run, np.ones_like(found.factors))
+    if left[own] <= THRESHOLDS.own_channel:
+        return ""
+    return f"{last.problem.data.names[own]} is left at {left[own]:.3g} times its noise"

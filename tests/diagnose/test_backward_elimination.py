@@ -21,11 +21,12 @@ def fitted(objective):
     return SimpleNamespace(unknowns=(), point=None, problem=None, objective=objective)
 
 
-def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=()):
+def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False):
     """Where the causes are that stay of two, of which the first's strength has a statistic ``alone``.
 
     ``whole`` is that of all its parameters, ``held`` that with its further parameters held, ``rest`` the
-    objective of the fit without it, ``None`` where there is none; with it, it is zero.
+    objective of the fit without it, ``None`` where there is none; with it, it is zero. ``zero``: the interval
+    of each of its strengths holds nothing.
     """
 
     by_itself = held
@@ -39,6 +40,9 @@ def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=()):
         return fitted(rest)
 
     monkeypatch.setattr("smsid.diagnose.exchange_step.wald", wald)
+    monkeypatch.setattr(
+        "smsid.diagnose.exchange_step.each_may_be_zero", lambda _, c: zero and c.location == "joint1"
+    )
     monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.exchange_step.fit", refitted)
     kept, _ = eliminate_backward(
@@ -72,3 +76,11 @@ def test_what_was_proven_beside_an_unknown_structure_stays_unless_it_may_be_noth
     assert left(monkeypatch, **eight) == ["joint2"]
     assert left(monkeypatch, **eight, proven={first}) == ["joint1", "joint2"]
     assert left(monkeypatch, **one, proven={first}) == ["joint2"]
+
+
+def test_one_whose_parameters_may_each_be_zero_stays_only_where_it_is_missed(monkeypatch):
+    """An inertia of 2e8 +- 3e9 kg m^2 was named: of all six together something was told, of none alone."""
+    told = dict.fromkeys(("held", "whole", "alone"), 1000.0)
+    assert left(monkeypatch, **told, rest=0.0) == ["joint1", "joint2"]
+    assert left(monkeypatch, **told, rest=0.0, zero=True) == ["joint2"]
+    assert left(monkeypatch, **told, rest=3900.0, zero=True) == ["joint1", "joint2"]

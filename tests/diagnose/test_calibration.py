@@ -89,6 +89,7 @@ def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypa
         return 12.0 if candidate.location == "joint1" else 50.0
 
     monkeypatch.setattr("smsid.diagnose.exchange_step.wald", wald)
+    monkeypatch.setattr("smsid.diagnose.exchange_step.each_may_be_zero", lambda *_: False)
     monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.exchange_step.fit", lambda *_, **options: fitted(1.0))
     causes = [cause("joint1"), cause("joint2")]
@@ -166,7 +167,8 @@ def test_not_knowing_when_it_began_is_in_every_interval():
 
 @pytest.mark.parametrize(("followed", "said"), [(0.85, "unexplained"), (0.95, "explained")])
 def test_most_of_what_was_not_followed_has_to_go(followed, said):
-    found = SimpleNamespace(left=(), misfit=True, followed=followed, noise={"imu.angular_rate": 20.0})
+    noise = {"imu.angular_rate": 20.0}
+    found = SimpleNamespace(left=(), misfit=True, followed=followed, noise=noise, causes=())
     named = verdict.FoundCause("joint_friction", "joint1", "friction", "viscous", (), (), {})
     assert verdict.verdict(found, (named,))[0] == said
 

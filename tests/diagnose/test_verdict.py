@@ -2,13 +2,18 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from scipy.stats import chi2
 
+from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.result import FoundCause
+from smsid.diagnose.score_test import Candidate, Score
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.verdict import verdict
 
-WHOLE = SimpleNamespace(left=(), misfit=False)
-STRAYS = SimpleNamespace(left=(), misfit=True, followed=0.99, noise={"imu.angular_rate": 20.0})
+WHOLE = SimpleNamespace(left=(), misfit=False, causes=())
+STRAYS = SimpleNamespace(left=(), misfit=True, followed=0.99, noise={"imu.angular_rate": 20.0}, causes=())
 
 
 def cause(family, location, onset):
@@ -47,3 +52,63 @@ def test_causes_of_a_family_that_begin_in_turn_are_pieces_of_a_drift(whole, seco
 )
 def test_sensors_fail_one_by_one(first, second, decided):
     assert verdict(WHOLE, (cause(*first), cause(*second)))[0] == decided
+
+
+def searched(shifts, sigmas, rows, factors, left_by, **fields):
+    """A search whose k-th cause shows in component ``rows[k]`` most, and a little everywhere, with a
+    parameter that is ``shifts[k]`` off with standard deviation ``sigmas[k]``; ``factors`` are noise levels
+    over the stated ones, ``left_by`` the prediction errors over these.
+    """
+    names = [f"effect{k}.size" for k in range(len(shifts))]
+    unknowns = tuple(SimpleNamespace(name=n, nominal=0.0) for n in names)
+    whitened = 1e-3 * np.ones((5, len(factors), len(shifts))) / np.maximum(shifts, 1e-9)
+    for k, row in enumerate(rows):
+        whitened[:, row, k] *= 1e6 / factors[row]
+    errors = np.tile(left_by, (100, 1))
+    run = SimpleNamespace(normalised=errors, used=np.ones(errors.shape, dtype=bool))
+    last = SimpleNamespace(
+        run=run, unknowns=unknowns, whitened=whitened, scales=np.ones(len(shifts)),
+        covariance=lambda held=(): np.diag(np.square(sigmas)),
+        point=SimpleNamespace(value=lambda u: shifts[names.index(u.name)]),
+        problem=SimpleNamespace(data=SimpleNamespace(names=[f"row{k}" for k in range(len(factors))])),
+    )  # fmt: skip
+    none = np.zeros((0, 1))
+    own = [Candidate("kind", f"place{k}", "other", "size", None, (n,), (1e-9,)) for k, n in enumerate(names)]
+    causes = [Cause(Score(c, 50.0, 1, none[0:0], none, 1.0, none, none), (), 50.0) for c in own]
+    noise = {f"row{k}": float(f) for k, f in enumerate(factors)}
+    return SimpleNamespace(last=last, causes=causes, factors=factors, noise=noise, **fields)
+
+
+def test_nothing_is_explained_that_leaves_a_causes_own_component_or_may_be_nothing():
+    """Whatever a search ends with: channels were left at 30 times their noise, and a cause was no more than
+    its standard deviation.
+    """
+    rng, said = np.random.default_rng(7), {"explained": 0, "unexplained": 0}
+    test = SimpleNamespace(where="torque of joint1", dependence="angle")
+    for _ in range(1000):
+        count, factors = rng.integers(1, 4), np.exp(rng.uniform(0.0, 2.0, 6))
+        rows, sigmas = rng.integers(0, 6, count), np.exp(rng.normal(-4.0, 2.0, count))
+        misfit, left = rng.random() < 0.7, (test,) * int(rng.random() < 0.2)
+        factors, errors = (factors, np.ones(6)) if misfit else (np.ones(6), factors)
+        found = searched(
+            np.ones(count), sigmas, rows, factors, errors, misfit=misfit, left=left, left_before=left,
+            followed=rng.uniform(0.8, 1.0),
+        )  # fmt: skip
+        named = [FoundCause("kind", f"place{k}", "other", "size", (), (), {}) for k in range(count)]
+        decided, sentence = verdict(found, named)
+        nothing = (chi2.sf(sigmas**-2.0, 1) > THRESHOLDS.nested).any()
+        open_ = (factors * errors)[rows].max() > 3.0 or (found.followed < 0.9 if misfit else bool(left))
+        expected = "unexplained" if nothing or open_ else "explained"
+        assert decided == expected, sentence
+        said[decided] += 1
+    assert min(said.values()) > 50
+
+
+def test_the_component_that_is_left_is_said_with_its_level():
+    found = searched(
+        np.ones(1), np.full(1, 1e-3), [2], np.array([50.0, 1.0, 4.0]), np.ones(3), misfit=True, left=(),
+        followed=0.99,
+    )  # fmt: skip
+    said, sentence = verdict(found, [FoundCause("kind", "place0", "other", "size", (), (), {})])
+    assert said == "unexplained" and "row2 is left at 4 times its noise" in sentence, sentence
+    assert "is not believed" not in sentence, "nothing speaks against its value"
