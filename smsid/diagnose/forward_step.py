@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,14 @@ from smsid.diagnose.change_point import (
     with_onset,
 )
 from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds, accept, simplest_law, with_further
+from smsid.diagnose.model_comparison import (
+    Cause,
+    DetectionThresholds,
+    accept,
+    simplest_law,
+    wald,
+    with_further,
+)
 from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, with_misfit
 from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory
@@ -291,7 +299,8 @@ class State:
         """
         counted = self.fitted.misfit
         self.current.changes.by_candidate.clear()
-        self.fitted = refit_noise(replace(self.fitted, fit=found), strong=strong)
+        told = partial(_told, self.causes)
+        self.fitted = refit_noise(replace(self.fitted, fit=found), strong=strong, told=told)
         if self.fitted.misfit or not counted:
             return
         self._finer = True
@@ -342,6 +351,11 @@ class State:
         scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
         return sorted((*scores, *refused), key=self._worth, reverse=True)
+
+
+def _told(causes: Sequence[Cause], found: Fit) -> list[float]:
+    """Return Wald's statistic of each cause at a fit."""
+    return [wald(found, c.score.candidate) for c in causes]
 
 
 def squared_distance(run: FilterRun, other: FilterRun) -> float:

@@ -78,10 +78,11 @@ def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fi
 
 def strays_by_row(run: FilterRun, factors: np.ndarray) -> np.ndarray:
     """Return the root mean square of every component's prediction errors (rows,), in stated noise, outliers
-    left out as in `normalised_rmse`; ``factors`` (rows,) are levels of the run's noise over that.
+    left out as in `normalised_rmse`; ``factors`` (rows,) are levels of the run's noise over that. Zero where
+    little more than the start is read.
     """
     out = np.zeros(len(factors))
-    for row in np.flatnonzero(run.used.any(axis=0)):
+    for row in np.flatnonzero(run.used.sum(axis=0) >= FEW):
         x = run.normalised[run.used[:, row], row] ** 2
         out[row] = factors[row] * np.sqrt(np.minimum(x, np.quantile(x, 0.99)).mean())
     return out
@@ -168,15 +169,25 @@ def _suspect(given: Point, whole: Problem, strayed: FilterRun | None) -> Channel
     return most if squares[most.rows].sum() > HALF * squares.sum() else None
 
 
-def refit_noise(found: Fitted, *, strong: bool = False) -> Fitted:
+def refit_noise(
+    found: Fitted, *, strong: bool = False, told: Callable[[Fit], Sequence[float]] = lambda found: ()
+) -> Fitted:
     """Return a fit with its noise levels found again, where misfit was counted in them or may have been.
 
-    ``strong``: a cause was found since that the levels may have had a part of.
+    ``strong``: a cause was found since that the levels may have had a part of. A structure is taken as
+    unknown only where that tells causes at least as well as misfit that is counted does: what acts on the
+    bus, as its wrench does, it hides. ``told`` is how well a fit tells each of them.
     """
     if not found.misfit:
         return _with_noise(found) if strong else found
-    followed = (_exact(found) if strong else None) or (but_for_a_structure(found) if found.local else None)
-    return followed or with_misfit(found)
+    followed = _exact(found) if strong else None
+    if followed is not None:
+        return followed
+    counted, rest = with_misfit(found), but_for_a_structure(found) if found.local else None
+    if rest is None or not counted.misfit:
+        return counted
+    better = all(a >= b for a, b in zip(told(rest.fit), told(counted.fit), strict=True))
+    return rest if better else counted
 
 
 def but_for_a_structure(

@@ -56,7 +56,7 @@ class DetectionThresholds:
     followed: float = _row(2.0, NOISE, "below which the model is taken to follow again")
     slow: float = _row(1.2, "1", "variance of prediction errors over their differences': more is no noise")
     mostly: float = _row(0.9, "of the excess", "that causes take away where the model never follows")
-    own_channel: float = _row(3.0, NOISE, "left on what a cause changes most, above which nothing is explained")
+    own_channel: float = _row(3.0, NOISE, "left on what a cause changes most: more is not explained")
     sensor_reads: float = _row(0.1, "1", "of what it should read, below which a sensor would read nothing")
     body_left: float = _row(0.01, "of its mass", "that has to be left of a body")
     power: float = _row(0.95, "chance", "with which an effect as strong as its limit is found", "convention")

@@ -16,6 +16,7 @@ from smsid.diagnose.noise_covariance import (
     noise_factors,
     normalised_rmse,
     refit_noise,
+    strays_by_row,
     with_levels,
 )
 from smsid.diagnose.specification_tests import with_unknown
@@ -71,6 +72,13 @@ def test_straying_is_in_stated_noise_whatever_the_levels_fitted():
     factors = np.array([3.0, 3.0])
     _, run = channels(rng.standard_normal(N), rng.standard_normal(N))
     assert normalised_rmse(run, factors) == pytest.approx(3.0, rel=0.05)
+
+
+def test_a_channel_of_which_little_more_than_the_start_is_read_strays_by_nothing():
+    """What was left out with a panel's motion strayed by its first sample, and the tank was taken for it."""
+    _, run = channels(np.full(N, 2.0), np.full(N, 6.0))
+    run.used[1:, 1] = False
+    assert strays_by_row(run, np.ones(2)) == pytest.approx([2.0, 0.0])
 
 
 FAULTS = {
@@ -179,6 +187,19 @@ def test_where_a_structure_is_all_that_is_wrong_the_rest_is_as_well_known_as_it_
     for u in unknowns:
         assert abs(found.fit.point.value(u) - u.nominal) < 3.0 * found.fit.sigma(u.name)
         assert abs(bent.point.value(u) - u.nominal) > 30.0 * bent.sigma(u.name)
+
+
+def test_a_structure_is_unknown_only_where_that_tells_causes_as_well(known, softer):
+    """Its wrench hides a thrust on the bus: of that, counted misfit tells more."""
+    strayed = evaluate(known.point, known.unknowns[:3], softer)
+    first = Fitted(strayed, np.ones(softer.data.rows), misfit=True)
+    for better in (True, False):
+
+        def told(found, better=better):
+            return [1.0 if found.problem.noise.more else 1.0 - better + 2.0 * (not better)]
+
+        found = refit_noise(first, told=told)
+        assert (found.unknown == "panel") is better and found.misfit is not better
 
 
 def test_what_is_wrong_elsewhere_is_not_laid_on_a_structure(known, problem, recording):

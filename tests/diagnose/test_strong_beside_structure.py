@@ -16,7 +16,7 @@ PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.a
 @pytest.fixture
 def asked(monkeypatch):
     """What strong causes were sought in, and among which candidates; the whole is not followed with any."""
-    asked = SimpleNamespace(seen=[], follows="without panel")
+    asked = SimpleNamespace(seen=[], follows="without panel", unexplained=2.0)
     fit = SimpleNamespace(run=None)
 
     def coarse(point, problem, unknowns, candidates):
@@ -32,10 +32,10 @@ def asked(monkeypatch):
         return found
 
     for name, stub in {
-        "first_fit": lambda *_: SimpleNamespace(fit=fit, misfit=True, alone=False, by_channel={}),
+        "first_fit": lambda *_: SimpleNamespace(fit=fit, misfit=True, alone=False, by_channel={}, unknown=""),
         "normalised_rmse": lambda *_: 1e3,
         "_is_local": lambda _: False,
-        "unexplained_fraction": lambda *_: 2.0,
+        "unexplained_fraction": lambda *_: asked.unexplained,
         "coarse_cause": coarse,
         "unknown_structures": unknown,
         "with_levels": levels,
@@ -66,6 +66,14 @@ def test_what_is_not_followed_with_any_structure_unknown_is_refused(asked):
     with pytest.raises(RecordingError, match="worse than no motion"):
         begun()
     assert len(asked.seen) == 3
+
+
+def test_a_structure_is_unknown_only_where_the_recording_would_be_refused(asked):
+    """A thruster's gain: with the panel unknown, a link's mass was taken for it; counted misfit names it."""
+    asked.unexplained = 0.5
+    unknown, candidates, known = begun()
+    assert [name for name, _ in asked.seen] == ["whole"] and not (unknown or known)
+    assert candidates == [PAYLOAD, SCALE]
 
 
 def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch):
