@@ -82,7 +82,7 @@ def import_recording(
         except RecordingError as error:
             raise RecordingError(
                 f"{file}: {error.message}",
-                advice=f"{error.advice} To bring it in as it is: check=False.",
+                advice=f"{error.advice} To bring it in as it is: `--unchecked`, in Python `check=False`.",
                 **error.evidence,
             ) from error
     return recording
