@@ -97,6 +97,16 @@ def columns_to_recording(path: Path, rules: ImportMapping, columns: Columns) -> 
     return _Import(path, rules, columns).run({})
 
 
+def _together(faults: Sequence[RecordingError]) -> RecordingError:
+    """Return one error of all faults: each once, with its own advice."""
+    said = list(dict.fromkeys(map(str, faults)))
+    if len(said) == 1:
+        return faults[0]
+    return RecordingError(
+        f"{len(said)} faults. " + " ".join(f"({k}) {text}" for k, text in enumerate(said, 1)), faults=said
+    )
+
+
 class _Import:
     """One file on its way in."""
 
@@ -113,16 +123,22 @@ class _Import:
             )
         channels: dict[str, Any] = {}
         plain: list[str] = []
+        faults: list[RecordingError] = []
         for name, table in present.items():
+            try:
+                channels[name] = self._channel(name, table)
+            except RecordingError as error:
+                faults.append(error)
+        if faults:
+            raise _together(faults)
+        for name, values in channels.items():
             source = name.partition(".")[0]
-            values = self._channel(name, table)
             kept = self._sampled_rows(source, present)
             if not kept.all():
                 channels[name] = (self._clock(name)[kept], values[kept])
             elif source in self.rules.clock:
                 channels[name] = (self._clock(name), values)
             else:
-                channels[name] = values
                 plain.append(name)
         shared = self._clock(plain[0]) if plain else None
         try:

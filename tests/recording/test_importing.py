@@ -340,3 +340,17 @@ def test_channels_that_share_joints_must_label_them_alike(tmp_path):
     }
     with pytest.raises(RecordingError, match="labels 'joint'"):
         bring(tmp_path, arrays, channel)
+
+
+def test_all_faults_of_a_mapping_are_told_at_once(tmp_path):
+    arrays = {"rate": np.zeros((N, 3)), "angle": np.zeros((N, 3))}
+    channel = {
+        "imu.angular_rate": {"columns": ["rates"], "unit": "rad/s"},
+        "imu.acceleration": {"columns": ["rate"], "unit": "m/s^2", "sign": [1, -1]},
+        "encoder.joint_position": {"columns": ["angle"], "unit": "deg", "labels": ["a", "b", "c"]},
+    }
+    with pytest.raises(RecordingError) as raised:
+        bring(tmp_path, arrays, channel)
+    assert len(raised.value.evidence["faults"]) == 2
+    for said in ("2 faults", "'rates'", "'imu.acceleration'", "2 signs"):
+        assert said in str(raised.value)
