@@ -155,6 +155,12 @@ class ErrorModel(BaseModel):
         """Whether the scale is wrong."""
         return given(self.scale_error) or given(self.scale_slope) or given(self.scale_sigma)
 
+    @property
+    def limited(self) -> bool:
+        """Whether a reading may be `meaningless`."""
+        parts = (self, *self.components.values())
+        return self.saturation is not None or any(p.stuck_from is not None for p in parts)
+
     def white_sigma(self, rate: float) -> FloatArray:
         """Return one sigma of the white noise of a sample taken at ``rate`` [Hz]: () or (axes,) [unit].
 

@@ -382,6 +382,10 @@ class Tracker:
             value = entry.channels.get(block.channel)
             if value is None:
                 continue
+            read = value.reshape(1, block.stations, -1) if block.stations > 1 else value[None]
+            errors = block.sensor.error(block.quantity)
+            if errors.limited and errors.meaningless(np.array([entry.time]), read).any():
+                continue
             if block.quantity != "attitude":
                 values[block.rows] = value
                 continue

@@ -18,7 +18,9 @@ from smsid.recording import Recording
 from smsid.sensing import Sensor
 from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import GAUSS_MARKOV_ALLAN_PEAK, ErrorModel
+from smsid.tracking import Tracker
 from smsid.tracking.followed_parameters import followed_parameters
+from smsid.tracking.sample import samples_of
 from tests.estimation.satellite import Satellite, guess, recorded, true_values
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
@@ -232,3 +234,13 @@ def test_a_delay_that_is_stated_is_no_contradiction(flown, tmp_path):
         flight_of(Point.of(stated(tmp_path)), recording, "flight")
     point = Point.of(stated(tmp_path, gyro__angular_rate={"delay": 0.5}))
     assert not any("doubtful" in n for n in flight_of(point, recording, "flight").notes)
+
+
+def test_a_tracker_reads_nothing_that_is_stuck(flown, tmp_path):
+    recording = spoilt(flown, 0, "gyro.angular_rate", ErrorModel()).window(0.0, 6.0)
+    description = stated(tmp_path, off=0.0, gyro__angular_rate={"stuck_from": 3.0})
+    tracker = Tracker(description)
+    updates = [*tracker.update_all(samples_of(recording)), *tracker.flush()]
+    read = {u.time: any("gyro.angular_rate" in c for c in u.rows) for u in updates}
+    assert all(seen == (t < 3.0) for t, seen in read.items())
+    assert len(set(read.values())) == 2
