@@ -180,9 +180,9 @@ def refit_noise(
     """
     if not found.misfit:
         return _with_noise(found) if strong else found
-    followed = _exact(found) if strong else None
-    if followed is not None:
-        return followed
+    exact = _exact(found) if strong else None
+    if exact is not None:
+        return exact
     counted, rest = with_misfit(found), but_for_a_structure(found) if found.local else None
     if rest is None or not counted.misfit:
         return counted
@@ -202,7 +202,7 @@ def but_for_a_structure(
     last, stated = found.fit, found.fit.problem.data.scaled(1.0 / found.factors)
     for place, problem in unknown_structures(last, replace(last.problem, data=stated)):
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
-        rest = _followed(last.point, unknowns, problem)
+        rest = followed(last.point, unknowns, problem)
         if rest is None:
             continue
         LOGGER.info("followed to the noise with %s unknown", place)
@@ -226,11 +226,11 @@ def unknown_structures(found: Fit, problem: Problem) -> Iterator[tuple[str, Prob
 def _exact(found: Fitted) -> Fitted | None:
     """Return the fit to the noise as it is stated, where the model follows the recording that far."""
     stated = found.fit.problem.data.scaled(1.0 / found.factors)
-    exact = _followed(found.fit.point, found.fit.unknowns, replace(found.fit.problem, data=stated))
+    exact = followed(found.fit.point, found.fit.unknowns, replace(found.fit.problem, data=stated))
     return None if exact is None else _with_noise(Fitted(exact, np.ones(stated.rows)))
 
 
-def _followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
+def followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
     """Return a fit to the noise as stated, or nothing where the model does not follow that far: where one
     component alone is left far off, all would be known too well.
     """
@@ -271,8 +271,8 @@ def with_misfit(found: Fitted) -> Fitted:
         found = replace(_scaled(found, factor, iterations=4, enough=NEAR), misfit=True)
         if np.abs(np.log(factor)).max() < 0.1:
             break
-    followed = normalised_rmse(found.fit.run, found.factors) <= FOLLOWED
-    return (_exact(found) if followed else None) or found
+    near = normalised_rmse(found.fit.run, found.factors) <= FOLLOWED
+    return (_exact(found) if near else None) or found
 
 
 def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:

@@ -18,6 +18,7 @@ from smsid.diagnose.noise_covariance import (
     Fitted,
     but_for_one,
     first_fit,
+    followed,
     normalised_rmse,
     strays_by_row,
     unknown_structures,
@@ -163,12 +164,13 @@ def _begun(
         lost, fitted = error, but_for_one(point, problem, unknowns, np.ones(problem.data.rows))
     # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
     local = fitted is not None and strays and (fitted.alone or _is_local(fitted))
-    refused = fitted is None or (fitted.misfit and not local and _is_lost(fitted))
     if strays and not local:
-        # where not even misfit that is counted leaves a model, a structure may not move as described: beside
-        # it nothing follows but with that unknown
-        structures = unknown_structures(first.fit, problem) if refused and first is not None else ()
+        # beside a structure that does not move as described, nothing follows but with that unknown; where all
+        # else is followed then, no cause elsewhere is as strong
+        structures = () if first is None else unknown_structures(first.fit, problem)
         for place, seen in chain([("", problem)], structures):
+            if first is not None and place and followed(first.fit.point, unknowns, seen) is not None:
+                break
             elsewhere = [c for c in candidates if not (place and is_at(c.location, place))]
             coarse = coarse_cause(point, seen, unknowns, elsewhere)
             if coarse is not None:
@@ -177,18 +179,13 @@ def _begun(
     if fitted is None:
         assert lost is not None
         raise lost
-    if refused:
+    if fitted.misfit and not local and unexplained_fraction(fitted.fit, fitted.by_channel) > THRESHOLDS.lost:
         raise RecordingError(
             "The model predicts the motion worse than no motion would, with its parameters fitted.",
             advice="Is the recording of another spacecraft? Check signs and order of the commands.",
             recording=problem.recording.name,
         )
     return State(fitted, candidates, levels)
-
-
-def _is_lost(fitted: Fitted) -> bool:
-    """Whether no motion at all predicts a recording as well as a fit does."""
-    return unexplained_fraction(fitted.fit, fitted.by_channel) > THRESHOLDS.lost
 
 
 def _is_local(fitted: Fitted) -> bool:

@@ -91,7 +91,7 @@ def world(monkeypatch):
         asked.recompute_evidence.append(last.name)
         return [replace(c, ratio=1e6) for c in causes]
 
-    def refitted(fitted, *, strong=False):
+    def refitted(fitted, *, strong=False, told=None):
         return replace(fitted, misfit=fitted.misfit and not asked.finer)
 
     def finely(fit):

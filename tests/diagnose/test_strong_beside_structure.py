@@ -16,8 +16,8 @@ PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.a
 @pytest.fixture
 def asked(monkeypatch):
     """What strong causes were sought in, and among which candidates; the whole is not followed with any."""
-    asked = SimpleNamespace(seen=[], follows="without panel", unexplained=2.0)
-    fit = SimpleNamespace(run=None)
+    asked = SimpleNamespace(seen=[], follows="without panel", alone="")
+    fit = SimpleNamespace(run=None, point=None)
 
     def coarse(point, problem, unknowns, candidates):
         asked.seen.append((problem.name, list(candidates)))
@@ -35,7 +35,8 @@ def asked(monkeypatch):
         "first_fit": lambda *_: SimpleNamespace(fit=fit, misfit=True, alone=False, by_channel={}, unknown=""),
         "normalised_rmse": lambda *_: 1e3,
         "_is_local": lambda _: False,
-        "unexplained_fraction": lambda *_: asked.unexplained,
+        "unexplained_fraction": lambda *_: 2.0 - bool(asked.alone) * 1.5,
+        "followed": lambda point, unknowns, problem: "fit" if problem.name == asked.alone else None,
         "coarse_cause": coarse,
         "unknown_structures": unknown,
         "with_levels": levels,
@@ -68,11 +69,11 @@ def test_what_is_not_followed_with_any_structure_unknown_is_refused(asked):
     assert len(asked.seen) == 3
 
 
-def test_a_structure_is_unknown_only_where_the_recording_would_be_refused(asked):
+def test_no_strong_cause_is_sought_beside_a_structure_without_which_all_is_followed(asked):
     """A thruster's gain: with the panel unknown, a link's mass was taken for it; counted misfit names it."""
-    asked.unexplained = 0.5
+    asked.alone = "without panel"
     unknown, candidates, known = begun()
-    assert [name for name, _ in asked.seen] == ["whole"] and not (unknown or known)
+    assert [name for name, _ in asked.seen] == ["whole", "without tank"] and not (unknown or known)
     assert candidates == [PAYLOAD, SCALE]
 
 
