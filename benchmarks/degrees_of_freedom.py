@@ -11,6 +11,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -22,7 +23,6 @@ from smsid.description import load_description
 from smsid.description.schema import Description
 from smsid.kernel.jit import SWITCH
 from smsid.model import build_model
-from smsid.recording import Recording
 from smsid.sensing import observe
 from smsid.simulate import Inputs, Sampled, Trajectory, simulate, truth_of
 from smsid.tracking import track_recordings
@@ -57,7 +57,7 @@ def flown(d: Description) -> Trajectory:
     drawn = {"force": 3}
     drawn |= {"wheel_torque": len(model.wheels)} if len(model.wheels) else {"torque": 3}
     drawn |= {"joint_torque": len(model.arm_joints)} if len(model.arm_joints) else {}
-    given = {
+    given: dict[str, Any] = {
         name: Sampled.from_samples(times, 0.1 * rng.standard_normal((len(times), n)), degree=0)
         for name, n in drawn.items()
     }
@@ -66,7 +66,7 @@ def flown(d: Description) -> Trajectory:
 
 def measured(described: list[Description]) -> list[dict[str, Any]]:
     """Return CPU microseconds of a step and of a sample by craft."""
-    actions: list[tuple[Callable[[], object], Callable[[], object], int, int]] = []
+    actions: list[tuple[Callable[[], object], int]] = []
     for d in described:
         motion, sensors = flown(d), d.effective_sensors()
         truth = truth_of(motion, sensors)
@@ -75,24 +75,17 @@ def measured(described: list[Description]) -> list[dict[str, Any]]:
             truth, sensors, start=0.0, stop=SECONDS, rng=np.random.default_rng(1), exact=exact, rate=RATE
         )
 
-        def track(d: Description = d, recording: Recording = recording) -> object:
-            return track_recordings(d, [recording], follow={}, warm_up=0.0)
-
-        actions.append((lambda d=d: flown(d), track, motion.steps, len(recording.time())))
-    taken = np.empty((ROUNDS + 1, len(actions), 2))  # the first compiles, or loads what is compiled
+        track = partial(track_recordings, d, [recording], follow={}, warm_up=0.0)
+        actions += [(partial(flown, d), motion.steps), (track, len(recording.time()))]
+    taken = np.empty((ROUNDS + 1, len(actions)))  # the first compiles, or loads what is compiled
     for row in taken:
-        for k, (fly, track, steps, samples) in enumerate(actions):
-            for j, (action, count) in enumerate(((fly, steps), (track, samples))):
-                begin = time.process_time()
-                action()
-                row[k, j] = 1e6 * (time.process_time() - begin) / count
+        for k, (action, count) in enumerate(actions):
+            begin = time.process_time()
+            action()
+            row[k] = 1e6 * (time.process_time() - begin) / count
     return [
-        {
-            "degrees of freedom": build_model(d).nv,
-            "step [us]": spread(own[:, 0]),
-            "sample [us]": spread(own[:, 1]),
-        }
-        for d, own in zip(described, np.moveaxis(taken[1:], 1, 0), strict=True)
+        {"degrees of freedom": build_model(d).nv, "step [us]": spread(own[0]), "sample [us]": spread(own[1])}
+        for d, own in zip(described, taken[1:].T.reshape(-1, 2, ROUNDS), strict=True)
     ]
 
 
