@@ -36,6 +36,7 @@ from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.validation import Gain, gain
 from smsid.diagnose.verdict import causes, is_piecewise_drift, limits, remaining, tested, verdict
 from smsid.errors import RecordingError, SmsidError
+from smsid.estimation.bias_walk import bias_walks, with_walk_noise
 from smsid.estimation.identify_flights import labels_of
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import locked
@@ -132,7 +133,7 @@ def _diagnose(
     names: tuple[str, ...],
 ) -> Diagnosed:
     for recording in recordings:
-        recording.check(consistency=False)
+        recording.check(consistency=False, sensors_may_pause=True)
     labels = labels_of(recordings)
     known = nominal(description, estimate, labels[1:])
     point, description = known.point, known.point.description
@@ -146,7 +147,8 @@ def _diagnose(
 
     def looked_at(faults: Sequence[Fault]) -> Problem:
         problem = thinned(replace(read, data=drop_samples(whole, faults)), rate)
-        return replace(problem, data=inflate_for_quantisation(problem.data, rounded))
+        data = with_walk_noise(inflate_for_quantisation(problem.data, rounded))
+        return replace(problem, data=data, bias_walks=bias_walks(data))
 
     def searched(problem: Problem, point: Point, before: Search | None = None) -> Search:
         """Search, or stay with what was found ``before`` where a search fails numerically."""

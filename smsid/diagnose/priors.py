@@ -11,7 +11,7 @@ from smsid.description.schema import Description
 from smsid.effects.base import Effect, Parameter
 from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
-from smsid.estimation.unknowns import moving_bodies
+from smsid.estimation.unknowns import moving_bodies, sensor_unknowns
 from smsid.export.bodies import GROUPS, ROUNDED, identified_bodies, linear_terms, urdf_bodies, with_estimate
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.momentum_rows import whole_bodies
@@ -65,8 +65,8 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
     agree with the identified combinations. Standard deviations are the estimate's, else the description's
     priors, else the stated defaults; a single parameter that is known in combinations only has the wide
     default `BEYOND`. What the estimate knows has its covariance; without one its errors are taken as
-    independent, which a note says. Sensor biases are nuisances where the description states their standard
-    deviation: of a first recording, and by their names each of the ``further`` ones has its own.
+    independent, which a note says. Errors of sensors are nuisances where the description states their
+    standard deviation: of a first recording, and by their names each of the ``further`` ones has its own.
 
     Raises `SmsidError` for an estimate that belongs to another spacecraft.
     """
@@ -128,7 +128,8 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
             description=[u.name for u in found][:10],
         )
     joint = _joint_prior(point, estimate, combinations, found, notes)
-    return Nominal(point, (*found, *_biases(point, further)), joint, len(combinations), sources, tuple(notes))
+    unknowns = (*found, *_sensor_errors(point, further))
+    return Nominal(point, unknowns, joint, len(combinations), sources, tuple(notes))
 
 
 def _size(effect: Effect, p: Parameter) -> float:
@@ -225,22 +226,22 @@ def _moved_to(point: Point, estimate: Estimate | None, notes: list[str]) -> Poin
     return replace(point, inertial=inertial)
 
 
-def _biases(point: Point, further: Sequence[str]) -> list[Unknown]:
-    found: list[Unknown] = []
-    for sensor in point.description.sensor:
-        for quantity in ("acceleration", "angular_rate"):
-            if quantity not in sensor.quantities or sensor.kind != "imu":
-                continue
-            errors = sensor.error(quantity)
-            sigma = np.hypot(
-                np.asarray(errors.bias_sigma, dtype=float), np.asarray(errors.gauss_markov_sigma, dtype=float)
-            )
-            unit = "m/s^2" if quantity == "acceleration" else "rad/s"
-            for i, (axis, s) in enumerate(zip("xyz", np.broadcast_to(sigma, 3), strict=True)):
-                if s > 0.0:
-                    name = f"{sensor.name}.{quantity}.bias.{axis}"
-                    found.append(Unknown(name, "bias", unit, 0.0, float(s), float(s), column=i))
-    return [*found, *(replace(u, name=f"{label}: {u.name}") for label in further for u in found)]
+def _sensor_errors(point: Point, further: Sequence[str]) -> list[Unknown]:
+    """Return the errors of sensors that the description states, of every recording its own."""
+    sensors = point.description.sensor
+    channels = {f"{s.name}.{q}" for s in sensors for q in s.quantities}
+    stated = {
+        f"{s.name}.{q}"
+        for s in sensors
+        for q in s.quantities
+        for e in (s.error(q),)
+        if np.any(e.bias_sigma) or np.any(e.gauss_markov_sigma) or np.any(e.random_walk)
+    }
+    own = [
+        replace(u, name=u.name.removeprefix(": "))
+        for u in sensor_unknowns(point.base, sensors, channels, "", channels - stated)
+    ]
+    return [*own, *(replace(u, name=f"{label}: {u.name}") for label in further for u in own)]
 
 
 def with_beams(description: Description, estimate: Estimate) -> tuple[Description, list[str], set[str]]:

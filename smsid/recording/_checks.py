@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -46,9 +47,9 @@ def check_finite(recording: Recording, *, missing: bool = False) -> None:
         )
 
 
-def check_gaps(recording: Recording) -> None:
-    """Raise `RecordingError` when a clock has a gap."""
-    gaps = recording.gaps()
+def check_gaps(recording: Recording, clocks: Collection[str]) -> None:
+    """Raise `RecordingError` when one of these clocks has a gap."""
+    gaps = tuple(g for g in recording.gaps() if g.clock in clocks)
     if gaps:
         longest = max(gaps, key=lambda gap: gap.duration)
         raise RecordingError(

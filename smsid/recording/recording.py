@@ -214,10 +214,11 @@ class Recording(Told):
             present=self.channels,
         )
 
-    def check(self, *, consistency: bool = True) -> Recording:
+    def check(self, *, consistency: bool = True, sensors_may_pause: bool = False) -> Recording:
         """Verify the samples and give the recording back.
 
-        Without ``consistency`` channels are not compared with each other.
+        Without ``consistency`` channels are not compared with each other. Where ``sensors_may_pause`` only
+        commands have to be without gaps: what drove the motion meanwhile is not known.
 
         Raises:
             RecordingError: a time that is not finite or does not increase, NaN or infinity in a channel, a
@@ -227,7 +228,8 @@ class Recording(Told):
         """
         _checks.check_clocks(self)
         _checks.check_finite(self)
-        _checks.check_gaps(self)
+        commands = [c for c in self.channels if c.startswith("command.")]
+        _checks.check_gaps(self, {self.clock_of(c) for c in commands} if sensors_may_pause else self.clocks)
         _checks.check_quaternions(self)
         if consistency:
             self.check_consistency()

@@ -1,0 +1,41 @@
+"""Errors of sensors that a description states are no causes, and a sensor that pauses no reason to stop."""
+
+import pytest
+
+from smsid.diagnose import diagnose
+from smsid.recording import Recording
+from tests.diagnose.test_hold_rivals import flown
+
+STATED = {"random_walk": 1e-5, "bias_sigma": 3e-4, "scale_sigma": 3e-3, "misalignment_sigma": 3e-3}
+
+
+def with_gyro(description, **errors):
+    """Return the description with more errors of its gyro stated."""
+    sensors = []
+    for sensor in description.sensor:
+        if "angular_rate" in sensor.quantities:
+            own = sensor.error("angular_rate").model_copy(update=errors)
+            sensor = sensor.model_copy(update={"errors": {**sensor.errors, "angular_rate": own}})
+        sensors.append(sensor)
+    return description.model_copy(update={"sensor": tuple(sensors)})
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_errors_that_are_stated_are_no_causes(tmp_path, seed):
+    description, recording = flown(tmp_path, True, stated=lambda d: with_gyro(d, **STATED), seed=seed)
+    found = diagnose(description, [recording]).diagnosis
+    assert found.verdict == "adequate", found.sentence
+
+
+def test_a_sensor_may_pause(tmp_path):
+    description, recording = flown(tmp_path, True)
+    t = recording.time("gyro.angular_rate")
+    read = (t < 15.0) | (t > 16.0)
+    channels = {
+        c: (recording.time(c)[read], recording[c][read]) if c.startswith("gyro.") else recording[c]
+        for c in recording.channels
+    }
+    paused = Recording.from_arrays(t, channels, labels=recording.labels, name="paused")
+    assert paused.gaps()
+    found = diagnose(description, [paused]).diagnosis
+    assert found.verdict == "adequate", found.sentence
