@@ -16,7 +16,7 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.estimation.commands_between_samples import as_commands_act, undecided, with_timing
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.differences import derivatives_hold
-from smsid.estimation.fit_quality import FitQuality, fit_quality
+from smsid.estimation.fit_quality import GROSS, FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported
@@ -249,6 +249,10 @@ def _search(
         visited += more
     found, flights, more = finely_stepped(found, flights, tell)
     visited += more
+    if not converged(found):
+        left = fit_quality(found)
+        if max((c.ratio for c in left.channels), default=0.0) > GROSS:
+            raise _restless(flights, left)
     if not converged(found) or not derivatives_hold(found, flights):
         found = settled(found, flights, tell=tell)
         visited.append(found)

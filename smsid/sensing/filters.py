@@ -105,6 +105,7 @@ def uniform_rate(times: FloatArray, name: str = "record") -> float:
             channel=name,
             at=float(times[worst]),
             step=float(steps[worst]),
+            other_flight=True,  # too uneven for the paper's method, which is no fault of the recording
         )
     return float((times.size - 1) / (times[-1] - times[0]))
 
