@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -102,10 +104,13 @@ def test_balanced_wheels_and_what_only_slides_do_not_turn(crafts):
     assert arrays_of(model).tree[craft.wheels.v[0] - 6, TURNING]
 
 
-def test_forces_of_effects_go_the_plain_way(crafts):
+def test_forces_of_no_known_law_go_the_plain_way(crafts):
     d = crafts["paper"].description
     friction = JointFriction(name="dry", joint=crafts["paper"].arm_joints.names[0], coulomb=1.0)
-    assert Kernel.of(build_model(d.with_effects(friction))) is None
+    model = build_model(d.with_effects(friction))
+    assert Kernel.of(model) is not None
+    of_its_own = replace(model, forces=(*model.forces, lambda t, q, v, tau: None))
+    assert Kernel.of(of_its_own) is None
 
 
 def test_joints_of_another_kind_go_the_plain_way(crafts):
