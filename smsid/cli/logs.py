@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from smsid._time_text import stamp_text
 from smsid.cli.errors import Outcome
 from smsid.cli.options import Output, RecordingOutput, ShowAll
 from smsid.cli.output import console, say, working
@@ -67,11 +68,13 @@ def inspect_command(
     left = ("clock", "jitter", "unit", "column")
     clocks = plain_table("clock", "samples", "rate [Hz]", "jitter", "from", "to", "unit", left=left)
     for c in report.clocks:
-        numbers = (f"{c.rate:.6g}", f"{100 * c.jitter:.2g} %", f"{c.start:.9g}", f"{c.end:.9g}")
+        numbers = (f"{c.rate:.6g}", f"{100 * c.jitter:.2g} %", stamp_text(c.start), stamp_text(c.end))
         clocks.add_row(escape(c.name), str(c.samples), *numbers, c.unit)
     columns = plain_table("column", "shape", "from", "to", left=left)
+    times = {c.name for c in report.clocks}
     for column in report.columns:
-        columns.add_row(escape(column.name), str(column.shape), f"{column.low:.6g}", f"{column.high:.6g}")
+        write = stamp_text if column.name in times else "{:.6g}".format
+        columns.add_row(escape(column.name), str(column.shape), write(column.low), write(column.high))
     for part in cut_tables([clocks, columns], show_all, 26):
         out.print(part, highlight=False)
     shown = doubts if show_all else doubts[:MOST]

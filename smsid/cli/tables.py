@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from smsid._time_text import time_text
 from smsid.cli.output import WIDTH, clipped
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for, headline, short_name
@@ -168,7 +169,7 @@ def recording_table(recording: Recording) -> Table:
         left=("channel", "unit"),
     )
     for c in channel_rows(recording):
-        span = f"{c['rate'] or float('nan'):.4g} Hz", f"{c['from']:.4g} s", f"{c['to']:.4g} s"
+        span = f"{c['rate'] or float('nan'):.4g} Hz", time_text(c["from"]), time_text(c["to"])
         ends = f"{c['smallest']:.4g}", f"{c['largest']:.4g}"
         table.add_row(c["name"], "x".join(map(str, c["shape"])), c["unit"], *span, *ends)
     return table

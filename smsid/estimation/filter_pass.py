@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from smsid._time_text import time_text
 from smsid.errors import SimulationError
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.measurements import Measured, matrix, reading_errors
@@ -253,7 +254,7 @@ def _empty_record(moves: int, n: int, rows: int, width: int, m: int, model: Spac
 def lost_at(time: float) -> SimulationError:
     """Return the error of a filter that has lost the motion at a time [s]."""
     return SimulationError(
-        f"The filter lost the recording at t = {time:.6g} s: the prediction is no longer finite.",
+        f"The filter lost the recording at t = {time_text(time)}: the prediction is no longer finite.",
         advice="Does the description belong to this recording? Check units and the sign of the commands.",
         time=time,
     )

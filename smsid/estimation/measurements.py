@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.special import erf
 
+from smsid._time_text import time_text
 from smsid.errors import RecordingError
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
@@ -267,7 +268,7 @@ def _filled(times: np.ndarray, longest: float) -> np.ndarray:
     if parts.sum() > MOST_STEPS:
         k = int(np.argmax(parts))
         raise RecordingError(
-            f"After {times[k]:.6g} s nothing is recorded for {times[k + 1] - times[k]:.3g} s.",
+            f"After {time_text(times[k], times[0])} nothing is recorded for {times[k + 1] - times[k]:.3g} s.",
             advice="Did a clock jump? Cut the recording there: smsid cut RECORDING --pieces.",
         )
     parts = np.maximum(parts, 1.0).astype(int)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
 from smsid.recording import Recording
 from smsid.sensing import Sensor, uniform_rate, zero_phase
@@ -47,8 +48,8 @@ def sample_channel(
     slack = 1.0 / rate
     if times[0] < own[0] - slack or times[-1] > own[-1] + slack:
         raise RecordingError(
-            f"'{channel}' runs from {own[0]:.6g} to {own[-1]:.6g} s; it is needed from {times[0]:.6g} to "
-            f"{times[-1]:.6g} s.",
+            f"'{channel}' runs from {stamp_text(own[0])} to {stamp_text(own[-1])} s; it is needed from "
+            f"{stamp_text(times[0])} to {stamp_text(times[-1])} s.",
             advice="Record all sensors over the same time, or cut the recording with window().",
             channel=channel,
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from smsid._time_text import stamp_text, time_text
 from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.clocks import event_times
 from smsid.identify.commanded import actual_thrust, excited_axes
@@ -133,7 +134,8 @@ def _check_covered(sample: Samples, start: float, stop: float, longest: float) -
     at = int(np.argmax(np.diff(edges)))
     if edges[at + 1] - edges[at] > max(longest, 0.1):
         raise RecordingError(
-            f"The wheels' rates are missing from {edges[at]:.6g} to {edges[at + 1]:.6g} s.",
+            f"The wheels' rates are missing from {stamp_text(edges[at])} to "
+            f"{time_text(edges[at + 1], start)}.",
             advice="Use the recording up to there: window(t0, t1); free floating must start at rest.",
             start=float(edges[at]),
             stop=float(edges[at + 1]),

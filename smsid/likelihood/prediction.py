@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from smsid._time_text import time_text
 from smsid.errors import SimulationError
 from smsid.kernel.arrays import tree_of
 from smsid.kernel.columns import DAMPING, STIFFNESS
@@ -100,7 +101,7 @@ def predict(
         if lost >= 0:
             time = part.evaluations[lost]
             raise SimulationError(
-                f"The predicted motion is not finite at t = {time:.6g} s.",
+                f"The predicted motion is not finite at t = {time_text(time)}.",
                 advice="The starting guess is too far off: start from the linear method.",
                 time=time,
             )

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from smsid._time_text import time_text
 from smsid.effects.assembly import InertiaTerm
 from smsid.errors import SimulationError
 from smsid.model.followers import Followers
@@ -51,7 +52,7 @@ class InertialForces:
             tau -= rows.T @ force
         if info != 0:
             raise SimulationError(
-                f"At t = {t:.6g} s effects take more inertia away than there is.",
+                f"At t = {time_text(t)} effects take more inertia away than there is.",
                 advice="Look at effects that take mass away, and at how far appendages bend.",
                 time=t,
             )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from smsid._time_text import time_text
 from smsid.errors import InconsistentChannelsError, RecordingError
 from smsid.recording._clock import check_order
 from smsid.recording.channels import quantity_of
@@ -35,9 +36,10 @@ def check_finite(recording: Recording, *, missing: bool = False) -> None:
             continue
         where = tuple(int(k) for k in np.argwhere(bad)[0])
         time = float(recording.time(name)[where[0]])
+        at = time_text(time, float(recording.time(name)[0]))
         rows = int(np.count_nonzero(bad.reshape(values.shape[0], -1).any(axis=1)))
         raise RecordingError(
-            f"Channel '{name}' is {values[where]} at index {where[0]} (t = {time:.9g} s); "
+            f"Channel '{name}' is {values[where]} at index {where[0]} (t = {at}); "
             f"{rows} of {values.shape[0]} samples are not finite.",
             advice="Cut them off with window(t0, t1), or leave the channel out.",
             channel=name,
@@ -68,9 +70,10 @@ def check_quaternions(recording: Recording) -> None:
         off = np.abs(norms - 1.0)
         if off.max() > NORM_TOLERANCE:
             index = int(np.flatnonzero(off > NORM_TOLERANCE)[0])
+            at = time_text(recording.time(name)[index], recording.time(name)[0])
             raise RecordingError(
                 f"Channel '{name}': the quaternion at index {index} "
-                f"(t = {recording.time(name)[index]:.9g} s) has norm {norms[index]:.6g}; "
+                f"(t = {at}) has norm {norms[index]:.6g}; "
                 f"{np.count_nonzero(off > NORM_TOLERANCE)} of {norms.size} are off.",
                 advice="Are these the quaternion columns? If they are merely unnormalised, normalise them.",
                 channel=name,

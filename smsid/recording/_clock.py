@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from smsid._time_text import time_text
 from smsid.errors import RecordingError
 
 FloatArray = NDArray[np.float64]
@@ -17,12 +18,16 @@ GAP_STEPS = 5.0
 
 @dataclass(frozen=True)
 class Gap:
-    """A hole in a clock between the samples at ``start`` and ``end`` [s]; ``step`` [s] is the median step."""
+    """A hole in a clock between the samples at ``start`` and ``end`` [s]; ``step`` [s] is the median step.
+
+    ``first`` [s] is the time of the clock's first sample.
+    """
 
     clock: str
     start: float
     end: float
     step: float
+    first: float | None = None
 
     @property
     def duration(self) -> float:
@@ -30,7 +35,8 @@ class Gap:
         return self.end - self.start
 
     def __str__(self) -> str:
-        return f"{self.duration:.6g} s from t = {self.start:.9g} s ({self.duration / self.step:.1f} steps)"
+        at = time_text(self.start, self.first)
+        return f"{self.duration:.6g} s from t = {at} ({self.duration / self.step:.1f} steps)"
 
 
 def find_gaps(times: FloatArray, clock: str = "time") -> tuple[Gap, ...]:
@@ -40,7 +46,7 @@ def find_gaps(times: FloatArray, clock: str = "time") -> tuple[Gap, ...]:
     steps = np.diff(times)
     step = float(np.median(steps))
     return tuple(
-        Gap(clock, float(times[k]), float(times[k + 1]), step)
+        Gap(clock, float(times[k]), float(times[k + 1]), step, float(times[0]))
         for k in np.flatnonzero(steps > GAP_STEPS * step)
     )
 

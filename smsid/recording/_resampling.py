@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
 from smsid.recording import _checks
 from smsid.recording._attitude import slerp
@@ -93,8 +94,8 @@ def linear(t: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
 def _refuse_outside(own: FloatArray, clock: str, times: FloatArray) -> None:
     if times[0] < own[0] or times[-1] > own[-1]:
         raise RecordingError(
-            f"Times from {times[0]:.9g} to {times[-1]:.9g} s are asked, but clock '{clock}' runs from "
-            f"{own[0]:.9g} to {own[-1]:.9g} s.",
+            f"Times from {stamp_text(times[0])} to {stamp_text(times[-1])} s are asked, but clock '{clock}' "
+            f"runs from {stamp_text(own[0])} to {stamp_text(own[-1])} s.",
             advice="Nothing is extrapolated: choose times inside.",
             clock=clock,
             start=float(own[0]),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from smsid._files import sha256
 from smsid._listing import did_you_mean
+from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
 from smsid.recording._attitude import conjugate, rotate, slerp
 from smsid.recording._clock import check_order
@@ -368,8 +369,9 @@ class _Import:
             check_order(own, f"{table.attitude.partition('.')[0]}.time")
             if times.min() < own[0] or times.max() > own[-1]:
                 raise RecordingError(
-                    f"{self.file}: '{table.attitude}' runs from {own[0]:.9g} to {own[-1]:.9g} s and does not "
-                    f"cover '{name}', {times.min():.9g} to {times.max():.9g} s.",
+                    f"{self.file}: '{table.attitude}' runs from {stamp_text(own[0])} to "
+                    f"{stamp_text(own[-1])} s and does not cover '{name}', {stamp_text(times.min())} to "
+                    f"{stamp_text(times.max())} s.",
                     advice="Nothing is extrapolated: cut the log to the attitude's span.",
                     channel=name,
                 )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smsid._short_repr import Told
+from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
 from smsid.recording import _checks, _layout, _resampling
 from smsid.recording._clock import Gap, check_order, find_gaps
@@ -291,8 +292,8 @@ class Recording(Told):
             inside = np.flatnonzero((times >= t0) & (times <= t1))
             if not inside.size:
                 raise RecordingError(
-                    f"Clock '{clock}' has no sample between {t0} and {t1} s; it runs from {times[0]:.9g} to "
-                    f"{times[-1]:.9g} s.",
+                    f"Clock '{clock}' has no sample between {stamp_text(t0)} and {stamp_text(t1)} s; it runs "
+                    f"from {stamp_text(times[0])} to {stamp_text(times[-1])} s.",
                     advice="Choose a window inside.",
                     clock=clock,
                     start=float(times[0]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from smsid._statistics import NORMAL95
+from smsid._time_text import time_text
 from smsid.report.axes import Axis
 from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number
@@ -27,7 +28,7 @@ def track_report(history: TrackHistory, origin: Provenance) -> Report:
         Section("fit", "Innovations", (_fit(history, starts),), "one while the model is right"),
         Section("values", "At the end", (_table(history),), f"{len(history.names)} followed"),
     ]
-    lines = [f"{e.time:.6g} s: {e.kind} {e.channel}: {e.text}" for e in history.events]
+    lines = [f"{time_text(e.time, history.time[0])}: {e.kind} {e.channel}: {e.text}" for e in history.events]
     if lines or history.notes:
         text = Text((*lines, *history.notes), bullets=True)
         sections.append(Section("events", "Events and notes", (text,), f"{len(lines)} events"))

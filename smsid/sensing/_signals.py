@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from smsid._time_text import time_text
 from smsid.errors import RecordingError
 from smsid.recording._attitude import slerp
 
@@ -142,7 +143,7 @@ def checked(times: ArrayLike, ideal: ArrayLike, attitude: bool) -> tuple[FloatAr
     bad = np.flatnonzero(~np.isfinite(x).reshape(t.size, -1).all(axis=1))
     if bad.size:
         raise RecordingError(
-            f"{bad.size} of {t.size} samples are not finite, the first at t = {t[bad[0]]} s.",
+            f"{bad.size} of {t.size} samples are not finite, the first at t = {time_text(t[bad[0]], t[0])}.",
             advice="Remove them before applying sensor errors.",
             samples=bad,
         )

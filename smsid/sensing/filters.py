@@ -13,6 +13,7 @@ import scipy  # loads a part of it when that is used
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
+from smsid._time_text import time_text
 from smsid.errors import RecordingError
 from smsid.sensing._signals import FloatArray
 
@@ -100,7 +101,8 @@ def uniform_rate(times: FloatArray, name: str = "record") -> float:
     worst = int(np.argmax(np.abs(steps - step)))
     if abs(steps[worst] - step) > 0.01 * step:
         raise RecordingError(
-            f"'{name}' is not evenly sampled: {steps[worst]} s after t = {times[worst]} s, else {step} s.",
+            f"'{name}' is not evenly sampled: a step of {steps[worst]:.6g} s, else {step:.6g} s, after "
+            f"t = {time_text(times[worst], times[0])}.",
             advice="Resample it, or cut it at the gap.",
             channel=name,
             at=float(times[worst]),

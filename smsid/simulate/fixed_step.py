@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid._time_text import time_text
 from smsid.errors import ExperimentError, SimulationError
 from smsid.kernel.arrays import Kernel
 from smsid.model.spacecraft import SpacecraftModel
@@ -87,7 +88,7 @@ def check_finite(time: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray
     if not finite.all():
         lost = int(np.argmin(finite))
         raise SimulationError(
-            f"The closed loop blew up at t = {time[lost]:.6g} s.",
+            f"The closed loop blew up at t = {time_text(time[lost])}.",
             advice="Is the controller stable at this rate and delay? Then try a smaller `dt`.",
             time=time[lost],
             q=q[lost - 1],
@@ -100,7 +101,8 @@ def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np
     tau = np.array(controller(t, q.copy(), v.copy()), dtype=float)
     if tau.shape != v.shape:
         raise ExperimentError(
-            f"The controller returned shape {tau.shape} at t = {t:.6g} s, the spacecraft takes {v.shape}.",
+            f"The controller returned shape {tau.shape} at t = {time_text(t)}, the spacecraft takes "
+            f"{v.shape}.",
             advice="Return generalised forces, one per degree of freedom.",
         )
     return tau

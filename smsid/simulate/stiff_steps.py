@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import DenseOutput, Radau
 
+from smsid._time_text import time_text
 from smsid.errors import SimulationError
 
 BOUNDARY = 6.1  # step times eigenvalue at which the method of order eight is about to lose stability
@@ -100,7 +101,7 @@ class StiffSteps:
 def integration_error(t: float, y: np.ndarray, reason: str) -> SimulationError:
     """Return the error of an integration that cannot go on from y (n,) at t [s]."""
     return SimulationError(
-        f"The simulation failed at t = {t:.6g} s: {reason}.",
+        f"The simulation failed at t = {time_text(t)}: {reason}.",
         advice="Are the inputs bounded and the inertias right? A stiff effect may need smaller steps.",
         time=t,
         state=y,

@@ -10,6 +10,7 @@ import pinocchio as pin
 from scipy.integrate._ivp.base import DenseOutput
 
 from smsid._short_repr import short_repr
+from smsid._time_text import stamp_text
 from smsid.errors import SimulationError
 from smsid.inputs.inputs import Inputs
 from smsid.inputs.signals import sample
@@ -124,8 +125,8 @@ class Trajectory:
         slack = 1e-9 * max(1.0, abs(self.stop))
         if len(times) and (times.min() < self.start - slack or times.max() > self.stop + slack):
             raise SimulationError(
-                f"Asked for {times.min():.6g} to {times.max():.6g} s, "
-                f"simulated {self.start:.6g} to {self.stop:.6g} s.",
+                f"Asked for {stamp_text(times.min())} to {stamp_text(times.max())} s, "
+                f"simulated {stamp_text(self.start)} to {stamp_text(self.stop)} s.",
                 advice="Simulate longer, or sample within.",
             )
         times = np.clip(times, self.start, self.stop)

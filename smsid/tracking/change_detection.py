@@ -21,6 +21,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid._short_repr import short_repr
+from smsid._time_text import time_text
 from smsid.estimation.parameter_vector import Unknown
 from smsid.tracking.course import PASS
 from smsid.tracking.jump_runs import CLOCK, JumpRuns, Rerun, Start, likelier, reach_of
@@ -74,7 +75,9 @@ class Change:
             if abs(j) > 1.96 * s
         ]
         what = "; ".join(size[:3]) or "nothing single stands out"
-        return f"{self.group} changed at {self.began:.4g} s, give or take {self.grid:.4g} s: {what} (95 %)"
+        return (
+            f"{self.group} changed at {time_text(self.began)}, give or take {self.grid:.4g} s: {what} (95 %)"
+        )
 
 
 @dataclass(eq=False)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid._time_text import time_text
 from smsid.errors import RecordingError, require
 from smsid.identify.estimate import Estimate, classify
 from smsid.tracking.sample_buffer import Event
@@ -160,7 +161,7 @@ class TrackHistory:
             "schema_version": VERSION,
             "description": self.description,
             "recordings": list(self.recordings) or [""],
-            "events": [f"{e.time:.6g} s: {e.kind}: {e.channel}: {e.text}" for e in self.events] or [""],
+            "events": [f"{time_text(e.time)}: {e.kind}: {e.channel}: {e.text}" for e in self.events] or [""],
             "notes": list(self.notes) or [""],
         }
         return xr.Dataset(variables, coordinates, attributes)

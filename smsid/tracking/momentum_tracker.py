@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from smsid._time_text import time_text
 from smsid.description.schema import Description
 from smsid.errors import EstimateError, RecordingError
 from smsid.identify.appendages import linear_appendages
@@ -166,7 +167,7 @@ class MomentumTracker:
             if channel.startswith("command."):
                 if channel in FORCES and np.abs(np.nan_to_num(value)).max(initial=0.0) > 1e-9:
                     raise RecordingError(
-                        f"'{channel}' acts at {sample.time:.6g} s: momentum is not conserved.",
+                        f"'{channel}' acts at {time_text(sample.time)}: momentum is not conserved.",
                         advice="Follow by the filter (smsid.tracking.Tracker), or leave the thrust out.",
                         channel=channel,
                     )

@@ -78,6 +78,12 @@ def test_a_step_of_five_medians_is_no_gap_yet():
     assert len(of(time, RATE[:20]).gaps()) == 1
 
 
+def test_the_place_of_a_gap_is_told_where_stamps_count_from_1970():
+    t = np.delete(1.764e9 + 0.1 * np.arange(600), np.arange(311, 330))
+    with pytest.raises(RecordingError, match="from t = 1764000031 s, 31 s after the start"):
+        Recording.from_arrays(t, {"imu.angular_rate": np.zeros((t.size, 3))}).check()
+
+
 def test_quaternions_off_the_unit_norm_are_named():
     q = np.tile([0.0, 0.0, 0.0, 1.0], (200, 1))
     q[9] *= 1.01
@@ -98,6 +104,16 @@ DEGREE, GRAVITY = 180.0 / np.pi, 9.80665
         ("encoder.joint_velocity", DEGREE, "'encoder.joint_velocity' is probably in degrees, not in rad/s"),
         ("encoder.joint_velocity", 30 / np.pi, "'encoder.joint_velocity' is probably in rpm, not in rad/s"),
         ("imu.angular_rate", DEGREE, "'imu.angular_rate' is probably in degrees, not in rad/s"),
+        (
+            "imu.angular_rate",
+            1 / DEGREE,
+            "'imu.angular_rate' is probably in rad/s already, but was taken for deg",
+        ),
+        (
+            "imu.angular_rate",
+            np.pi / 30,
+            "'imu.angular_rate' is probably in rad/s already, but was taken for rpm",
+        ),
         ("imu.acceleration", 1 / GRAVITY, "'imu.acceleration' is probably in units of standard gravity"),
         ("imu.acceleration", 1000.0, "'imu.acceleration' is probably too large by 1000"),
         ("imu.acceleration", 1000.0 / GRAVITY, "thousandths of standard gravity"),

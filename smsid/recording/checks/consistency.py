@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from smsid._time_text import time_text
 from smsid.recording.checks import sample_faults
 from smsid.recording.checks.increments import KinematicPair, integral
 from smsid.recording.checks.pair_check import PAIRS, PairCheck, component_labels
@@ -142,7 +143,8 @@ def resting_findings(check: PairCheck) -> list[Finding]:
                 Finding(
                     name, (label,), kind, other, (value, share, contradiction), True,
                     f"'{name}' {label} {verb} at {value:.4g} for {100 * share:.1f} % of the samples, "
-                    f"from t = {at:.6g} s, while '{other}' moves by {contradiction:.2g} times its noise.",
+                    f"from t = {time_text(at, t[0])}, while '{other}' moves by {contradiction:.2g} times its "
+                    "noise.",
                     "Leave the channel out, or cut the log with window(t0, t1).",
                 )
             )  # fmt: skip

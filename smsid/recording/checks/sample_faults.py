@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from smsid._time_text import time_text
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -88,7 +90,7 @@ def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) 
     rest = float(np.max(np.abs(x[~marked])))
     sentence = (
         f"'{channel}' {component} has {count} isolated outliers of {x.size} samples, the first at "
-        f"t = {t[first]:.6g} s: up to {worst:.4g} where the rest stays below {rest:.4g}."
+        f"t = {time_text(t[first], t[0])}: up to {worst:.4g} where the rest stays below {rest:.4g}."
     )
     mend = "Remove these samples, or cut the log with window(t0, t1)."
     numbers, clear = (float(count), worst, rest), worst > WILD * rest  # identification leaves others out
@@ -108,7 +110,7 @@ def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray
     size, count = float(steps[jumps[0]]), float(jumps.size)
     sentence = (
         f"'{channel}' {component} jumps by a full turn ({size:.4g} rad in one sample) {jumps.size} times, "
-        f"first at t = {t[jumps[0] + 1]:.6g} s."
+        f"first at t = {time_text(t[jumps[0] + 1], t[0])}."
     )
     mend = "The angle was logged within one turn: unwrap it (numpy.unwrap) before the import."
     return Finding(channel, (component,), "full turn", "", (count, size), True, sentence, mend)
