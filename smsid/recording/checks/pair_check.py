@@ -29,8 +29,15 @@ _ANGLE: _Causes = (
     (DEGREE, "'{x}' is probably in degrees, not in {xu}"),
     (1.0 / DEGREE, "'{v}' is probably in degrees, not in {vu}"),
 )
-_RATE_FIRST: _Causes = ((RPM, "'{x}' is probably in rpm, not in {xu}"),)
-_RATE_SECOND: _Causes = ((1.0 / RPM, "'{v}' is probably in rpm, not in {vu}"),)
+_DEGREES_TAKEN: _Causes = ((DEGREE, "'{v}' is probably in {vu} already, but was taken for degrees"),)
+_RATE_FIRST: _Causes = (
+    (RPM, "'{x}' is probably in rpm, not in {xu}"),
+    (1.0 / RPM, "'{x}' is probably in {xu} already, but was taken for rpm"),
+)
+_RATE_SECOND: _Causes = (
+    (1.0 / RPM, "'{v}' is probably in rpm, not in {vu}"),
+    (RPM, "'{v}' is probably in {vu} already, but was taken for rpm"),
+)
 _THOUSAND: _Causes = (
     (1000.0, "'{x}' is probably too large by 1000 (milli-units), or '{v}' too small"),
     (1e-3, "'{v}' is probably too large by 1000 (milli-units), or the clock is in ms"),
@@ -47,7 +54,7 @@ _GRAVITY: _Causes = (
 PAIRS: tuple[tuple[str, str, _Causes], ...] = (
     ("position", "velocity", _THOUSAND),
     ("velocity", "acceleration", _GRAVITY + _THOUSAND),
-    ("attitude", "angular_rate", _ANGLE[1:] + _RATE_SECOND + _THOUSAND[1:]),
+    ("attitude", "angular_rate", _ANGLE[1:] + _DEGREES_TAKEN + _RATE_SECOND + _THOUSAND[1:]),
     ("angular_rate", "angular_acceleration", _ANGLE + _RATE_FIRST + _THOUSAND),
     ("joint_position", "joint_velocity", _ANGLE + _RATE_SECOND + _THOUSAND),
     ("joint_velocity", "joint_acceleration", _ANGLE + _RATE_FIRST + _THOUSAND),
