@@ -14,6 +14,7 @@ from smsid.description.schema import Description
 from smsid.description.urdf_check import check_inertias, check_meshes, package_folders, read_urdf
 from smsid.description.urdf_reading import parse_urdf
 from smsid.errors import DescriptionError, SmsidError
+from smsid.sensing.error_doubts import errors_doubts
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,10 @@ def review_description(path: str | os.PathLike[str]) -> Review:
                 wrong.append(str(error))
     doubtful += told
     doubtful += _unsaid(d)
+    for sensor in d.effective_sensors():
+        for quantity, errors in sensor.errors.items():
+            place = f"[[sensor]] '{sensor.name}': errors.{quantity}"
+            doubtful += [f"{place}: {text}" for text in errors_doubts(errors, sensor.rate)]
     return Review(tuple(dict.fromkeys(wrong)), tuple(dict.fromkeys(doubtful)), d)
 
 
