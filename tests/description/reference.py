@@ -1,8 +1,9 @@
-"""The reference of effects in docs/description.md, written from the catalogue."""
+"""The references of effects and of sensors' errors in docs/description.md, written from the code."""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,8 +14,42 @@ from pydantic_core import PydanticUndefined
 from smsid._files import atomic_write
 from smsid.effects.appendage import ModalAppendage, Mode
 from smsid.effects.base import catalogue
+from smsid.sensing import ErrorModel
 
 BEGIN, END = "<!-- effects: begin -->", "<!-- effects: end -->"
+ERRORS = "<!-- errors: begin -->", "<!-- errors: end -->"
+
+KNOWN = "taken into account as known", "taken into account as known"
+NOISE = "as noise", "as noise"
+LEFT_OUT = "readings at it are left out", "readings at it are left out"
+DRAWN = "one more unknown of each recording, with this standard deviation"
+USE = {
+    "noise_density": NOISE,
+    "noise_sigma": NOISE,
+    "bias": KNOWN,
+    "bias_sigma": (DRAWN, "of IMUs: one more unknown, with this standard deviation"),
+    "bias_instability": (
+        f"{DRAWN} (that of the process), and a state of the filter; noise where it is fast",
+        "of IMUs: a constant bias of the process's standard deviation",
+    ),
+    "bias_correlation_time": ("with `bias_instability`", "not used"),
+    "random_walk": ("a state of the filter", "not used"),
+    "scale_error": KNOWN,
+    "scale_slope": KNOWN,
+    "scale_sigma": (DRAWN, "not used"),
+    "misalignment": KNOWN,
+    "misalignment_sigma": (f"{DRAWN}; not of several stations", "not used"),
+    "quantisation": NOISE,
+    "saturation": LEFT_OUT,
+    "delay": KNOWN,
+    "time_offset": KNOWN,
+    "bias_from": KNOWN,
+    "outlier_rate": NOISE,
+    "outlier_size": NOISE,
+    "stuck_from": ("readings from then on are left out",) * 2,
+    "components": ("as the keys in it",) * 2,
+}
+"""What identification and tracking by the filter make of each key, and what diagnosis does."""
 
 
 def effects_reference() -> str:
@@ -30,12 +65,25 @@ def effects_reference() -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+def errors_reference() -> str:
+    """Return Markdown with a table of every key of a sensor's errors: unit, meaning, and what uses it."""
+    lines = ["| key | meaning | `identify`, `track` | `diagnose` |", "|---|---|---|---|"]
+    text = (ErrorModel.__doc__ or "").split("Attributes:\n")[1].split("\n\n")[0]
+    said = dict(re.findall(r"^ {8}(\w+): (.*?)(?=^ {8}\w|\Z)", text + "\n", re.MULTILINE | re.DOTALL))
+    for name in ErrorModel.model_fields:
+        meaning = " ".join(said[name].split()).replace("``", "`")
+        lines.append(f"| `{name}` | {meaning.removesuffix(' See below.')} | {' | '.join(USE[name])} |")
+    return "\n".join(lines) + "\n"
+
+
 def write_reference(path: str | os.PathLike[str]) -> None:
-    """Put the reference between its two marks in a Markdown file."""
+    """Put each reference between its two marks in a Markdown file."""
     text = Path(path).read_text(encoding="utf-8")
-    before, rest = text.split(BEGIN)
-    _, after = rest.split(END)
-    atomic_write(path, f"{before}{BEGIN}\n{effects_reference()}{END}{after}")
+    for (begin, end), reference in (((BEGIN, END), effects_reference()), (ERRORS, errors_reference())):
+        before, rest = text.split(begin)
+        _, after = rest.split(end)
+        text = f"{before}{begin}\n{reference}{end}{after}"
+    atomic_write(path, text)
 
 
 def _table(model: type[BaseModel]) -> Iterator[str]:

@@ -13,8 +13,16 @@ from smsid.description.robots import robot_files, robots_folder
 from smsid.effects import Mode, catalogue
 from smsid.errors import MissingDependencyError
 from smsid.model import build_model
+from smsid.sensing import ErrorModel
 from smsid.sensing.sensor import MEASURES, Sensor
-from tests.description.reference import BEGIN, END, effects_reference, write_reference
+from tests.description.reference import (
+    BEGIN,
+    END,
+    ERRORS,
+    effects_reference,
+    errors_reference,
+    write_reference,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs" / "description.md"
@@ -71,6 +79,13 @@ def test_every_kind_and_parameter_of_an_effect_is_listed():
     assert set(keys(section("### `modal_appendage`"))) >= set(Mode.model_fields)
     for kind in MEASURES:
         assert f"`{kind}`" in section("## `[[sensor]]`")
+
+
+def test_the_table_of_errors_is_that_of_the_model():
+    begin, end = ERRORS
+    inside = TEXT.split(begin)[1].split(end)[0].strip()
+    assert inside == errors_reference().strip(), "write it anew with python -m tests.description.reference"
+    assert set(keys(inside)) == set(ErrorModel.model_fields)
 
 
 def test_the_table_of_effects_is_that_of_the_catalogue(tmp_path):
