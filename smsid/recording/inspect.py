@@ -115,7 +115,10 @@ def inspect_file(
         if name not in joined and is_clock(name, values, surely=name in columns.times)
     }
     found = groups(columns, set(clocks) | joined)
-    doubts = [sentence for clock in clocks.values() for sentence in _clock_doubts(clock)]
+    doubts = []
+    for name, clock in clocks.items():
+        for own in _by_source(columns, name, found) or [clock]:
+            doubts += [said for said in _clock_doubts(own) if said not in doubts]
     if not clocks:
         doubts.append("No column looks like times: state the rate.")
     for group in found:
@@ -190,6 +193,19 @@ def _clock_doubts(clock: ClockReport) -> list[str]:
     return doubts
 
 
+def _by_source(columns: Columns, name: str, found: Sequence[Group]) -> list[ClockReport]:
+    """Return a clock as each source of a table has it that leaves the others' cells of its rows blank."""
+    times = columns[name]
+    own = {g.rows.tobytes(): g for g in found if g.rows is not None and g.rows.shape == times.shape}
+    if any(g.rows is None and len(columns[g.columns[0]]) == len(times) for g in found):
+        return []  # something has a value in every row
+    return [
+        _clock(columns, name, g.rows, f"{name}' of '{g.stem}")
+        for g in own.values()
+        if g.rows is not None and len(np.unique(times[g.rows])) > 1
+    ]
+
+
 def _held(columns: Columns, clocks: dict[str, ClockReport], group: Group) -> str | None:
     """Say that a sensor is slower than its log: its samples change at every k-th row only, evenly."""
     values = columns[group.columns[0]]
@@ -220,8 +236,10 @@ def held_samples(values: NDArray[Any]) -> int | None:
     return middle if middle > 1 and even and many else None
 
 
-def _clock(columns: Columns, name: str) -> ClockReport:
-    values = columns[name]
+def _clock(
+    columns: Columns, name: str, rows: NDArray[np.bool_] | None = None, called: str = ""
+) -> ClockReport:
+    values = columns[name] if rows is None else columns[name][rows]
     times = values[np.isfinite(values)].astype(np.float64)
     steps = np.diff(times)
     reversed_ = bool((steps < 0.0).all())
@@ -242,7 +260,7 @@ def _clock(columns: Columns, name: str) -> ClockReport:
     regular = forward[forward < 5.0 * step]
     longest = str(max(gaps, key=lambda gap: gap.duration)) if gaps else ""
     return ClockReport(
-        name, unit, int(times.size), float(times[0]), float(times[-1]), 1.0 / (step * scale),
+        called or name, unit, int(times.size), float(times[0]), float(times[-1]), 1.0 / (step * scale),
         float(np.std(regular) / step), int(np.sum(steps == 0.0)), int(np.sum(steps < 0.0)),
         tuple(str(gap) for gap in gaps), written, longest, reversed_,
     )  # fmt: skip

@@ -44,6 +44,19 @@ def test_the_draft_imports_the_log(tmp_path):
     np.testing.assert_allclose(recording["log.acceleration"][:, 0], np.cos(T), atol=1e-8)
 
 
+def test_each_source_of_a_table_with_blank_cells_is_judged_by_itself(tmp_path):
+    fast, slow = 1.764e9 + 0.02 * np.arange(600), 1.764e9 + 0.1 * np.arange(120)
+    fast = np.delete(fast, np.arange(201, 240))
+    rows = [(t, "1,2,3,,,") for t in fast] + [(t, ",,,1,2,3") for t in slow]
+    lines = [f"{t:.6f},{cells}" for t, cells in sorted(rows)]
+    head = "epoch_s,gyro_x,gyro_y,gyro_z,nav_x_m,nav_y_m,nav_z_m"
+    (tmp_path / "a.csv").write_text("\n".join([head, *lines]), encoding="utf-8")
+    doubts = inspect_file(tmp_path / "a.csv").suspicions
+    assert [d for d in doubts if "epoch_s" in d] == [
+        "'epoch_s' of 'gyro_#' has a gap of 0.8 s from t = 1764000004 s, 4 s after the start (40.0 steps)."
+    ]
+
+
 def test_another_language_and_decimal_commas(tmp_path):
     angles = {f"Winkel {k}": 0.5 * np.sin(T * k) for k in (1, 2)}
     torques = {f"Drehmoment {k} [Nm]": np.cos(T * k) for k in (1, 2)}
