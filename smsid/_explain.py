@@ -13,6 +13,19 @@ from smsid.errors import SmsidError
 
 M = TypeVar("M", bound=BaseModel)
 
+TOML_KINDS = (
+    ("experiment", ("duration",)),
+    ("mapping", ("channel", "clock")),
+    ("campaign_plan", ("runs",)),
+    ("description", ("urdf",)),
+)
+"""Kinds of TOML, each with the keys of which only it has one; the first that fits."""
+
+
+def toml_kind(tables: Mapping[str, Any]) -> str | None:
+    """Return the kind of the tables of a TOML; ``None`` where they do not say."""
+    return next((kind for kind, keys in TOML_KINDS if any(k in tables for k in keys)), None)
+
 
 def validated(
     model: type[M],
@@ -22,8 +35,10 @@ def validated(
     *,
     advice: str = "",
     folder: Path | None = None,
+    kind: str = "",
 ) -> M:
-    """Return the tables of a TOML as what they describe; ``folder`` is where relative paths in it start.
+    """Return the tables of a TOML as what they describe; ``folder`` is where relative paths in it start,
+    ``kind`` the kind of file that it should be (`toml_kind`).
 
     An unknown key gets the closest key of the very table it stands in.
 
@@ -39,6 +54,13 @@ def validated(
     try:
         return model.model_validate(tables if folder is None else {**tables, "folder": folder})
     except ValidationError as cause:
+        other = toml_kind(tables)
+        if kind and other not in (kind, None):
+            told, wanted = (k.replace("_", " ") for k in (str(other), kind))
+            raise error(
+                f"{where} is of the kind '{told}', no {wanted}.",
+                advice=f"Give the TOML of the {wanted} in its place.",
+            ) from cause
         problems = _problems(cause, model, tables)
         raise error(
             f"{where} is not as the schema wants it: " + "; ".join(problems) + ".",

@@ -82,10 +82,14 @@ def reading_document(
     try:
         found = document.get("kind") if isinstance(document, dict) else None
         if found != kind or document.get("schema") != SCHEMA_VERSION:
-            other = f"; it is a {found}".replace("_", " ") if found not in (kind, None) else ""
+            if isinstance(found, str) and found != kind:
+                raise error(
+                    f"'{path}' is of the kind '{found.replace('_', ' ')}', no {named}.",
+                    advice=f"Give what `smsid {command}` wrote.",
+                )
             raise error(
-                f"'{path}' is no {named} of schema {SCHEMA_VERSION}{other}.",
-                advice="Was it made by another version?",
+                f"'{path}' is no {named} of schema {SCHEMA_VERSION}.",
+                advice=f"Was it made by another version? `smsid {command}` makes it anew.",
             )
         yield document
     except (ValueError, KeyError, TypeError, AttributeError) as cause:

@@ -113,4 +113,5 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     """
     file = Path(path)
     tables = read_toml(file, ExperimentError)
-    return validated(Campaign, tables, f"'{file}'", ExperimentError, folder=file.resolve().parent)
+    folder = file.resolve().parent
+    return validated(Campaign, tables, f"'{file}'", ExperimentError, folder=folder, kind="campaign_plan")

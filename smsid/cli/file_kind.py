@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from smsid._explain import toml_kind
 from smsid._reading import read_json as read_any_json
 from smsid._reading import read_toml
 from smsid.errors import SmsidError
@@ -98,8 +99,4 @@ def _kind_of_json(path: Path) -> str:
 
 def _kind_of_toml(path: Path) -> str:
     table = read_toml(path)
-    if "duration" in table:
-        return "experiment"
-    if "channel" in table or "clock" in table:
-        return "mapping"
-    return "campaign_plan" if "runs" in table else "description"
+    return toml_kind(table) or "description"

@@ -43,7 +43,15 @@ def load_description(path: str | os.PathLike[str]) -> Description:
         return _grounded(_with_arguments(bare))
     tables = with_finite_elements(read_toml(file, DescriptionError), file.parent)
     advice = "See docs/description.md for every key."
-    found = validated(Description, tables, f"'{file}'", DescriptionError, advice=advice, folder=file.parent)
+    found = validated(
+        Description,
+        tables,
+        f"'{file}'",
+        DescriptionError,
+        advice=advice,
+        folder=file.parent,
+        kind="description",
+    )
     return _with_arguments(found)
 
 

@@ -145,7 +145,8 @@ class Experiment(Told, _Table):
 
 def load_experiment(path: str | os.PathLike[str]) -> Experiment:
     """Load an experiment from its TOML; raises `ExperimentError` naming the place and the mend."""
-    return validated(Experiment, read_toml(path, ExperimentError), f"'{path}'", ExperimentError)
+    tables = read_toml(path, ExperimentError)
+    return validated(Experiment, tables, f"'{path}'", ExperimentError, kind="experiment")
 
 
 def save_experiment(experiment: Experiment, path: str | os.PathLike[str]) -> None:

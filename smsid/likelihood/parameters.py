@@ -46,9 +46,12 @@ class Parameters:
         Raises `DescriptionError` for an effect the refinement does not know how to estimate with.
         """
         if not model.free or model.pin.gravity.linear.any():
+            how = "is under gravity" if model.free else "stands on the ground"
             raise DescriptionError(
-                "Maximum likelihood is for a free-flying spacecraft without gravity.",
-                advice='Set `root = "free"` and leave out `gravity`.',
+                f"'{model.description.name}' {how}: this is for spacecraft that fly freely, without gravity.",
+                advice="Put the arm on a bus (`smsid new CRAFT --arm ARM.urdf`) or, of a spacecraft, set "
+                '`root = "free"` in its TOML and leave out `gravity`. Of an arm on the ground `smsid '
+                "identify` and `smsid diagnose` take the torques.",
             )
         theta = np.concatenate([dynamic_parameters(i) for i in list(model.pin.inertias)[1:]])
         appendages = {a.appendage.name: appendage_parts(model, a) for a in model.appendages}

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from smsid._explain import validated
+from smsid._explain import toml_kind, validated
 from smsid._reading import read_toml
 from smsid.errors import RecordingError
 from smsid.recording._units import alike, check_unit, convert
@@ -157,12 +157,14 @@ def mapping_path(source: str | os.PathLike[str]) -> Path:
 
 def parse_mapping(tree: dict[str, Any], where: str = "The mapping") -> ImportMapping:
     """Validate a mapping given as a dictionary; raise `RecordingError` as `load_mapping`."""
-    if not tree.get("channel"):
+    if not tree.get("channel") and toml_kind(tree) in ("mapping", None):
         raise RecordingError(
             f"{where}: no channel is mapped.",
             advice="In a draft, take away the '# ' of the tables you have checked.",
         )
-    mapping = validated(ImportMapping, tree, where, RecordingError, advice="Mend the mapping.")
+    mapping = validated(
+        ImportMapping, tree, where, RecordingError, advice="Mend the mapping.", kind="mapping"
+    )
     check_mapping(mapping, where)
     return mapping
 

@@ -6,7 +6,12 @@ import sys
 
 import pytest
 
+from smsid.campaign import load_campaign
 from smsid.cli.app import main
+from smsid.description import load_description
+from smsid.errors import SmsidError
+from smsid.experiments import load_experiment
+from smsid.recording.mapping import load_mapping
 
 
 @pytest.mark.parametrize(
@@ -30,3 +35,32 @@ def test_swapped_arguments_are_named(words, told, tmp_path, monkeypatch, capsys)
         main()
     err = capsys.readouterr().err
     assert left.value.code == 1 and told in err and "Traceback" not in err
+
+
+TOMLS = {
+    "experiment": 'name = "x"\nduration = 1.0\n',
+    "mapping": '[channel."imu.angular_rate"]\ncolumns = ["a", "b", "c"]\n',
+    "campaign_plan": "runs = 3\n",
+    "description": 'name = "x"\nurdf = "x.urdf"\n',
+}
+
+
+@pytest.mark.parametrize("wanted", TOMLS)
+@pytest.mark.parametrize("given", TOMLS)
+def test_a_toml_of_another_kind_is_named_and_its_keys_are_not_judged(wanted, given, tmp_path):
+    load = {
+        "experiment": load_experiment,
+        "mapping": load_mapping,
+        "campaign_plan": load_campaign,
+        "description": load_description,
+    }[wanted]
+    path = tmp_path / "x.toml"
+    path.write_text(TOMLS[given], encoding="utf-8")
+    try:
+        load(path)
+    except SmsidError as error:
+        told = f"is of the kind '{given.replace('_', ' ')}', no {wanted.replace('_', ' ')}"
+        assert (told in str(error)) == (given != wanted)
+        assert given == wanted or "unknown key" not in str(error)
+    else:
+        assert given == wanted

@@ -186,6 +186,10 @@ def _parameter_without_value(text: str) -> str:
         (_no_parameters, "cannot be read as an estimate: 'parameters'"),
         (_bare, "cannot be read as an estimate"),
         (_parameter_without_value, "cannot be read as an estimate"),
+        (
+            lambda text: text.replace('"estimate"', '"diagnosis"', 1),
+            "of the kind 'diagnosis', no estimate. Give",
+        ),
         (lambda text: "[1, 2]", "no estimate of schema 1"),
         (lambda text: "", "not valid JSON"),
     ],

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.errors import RecordingError
+from smsid.description import load_description
+from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.valid_samples import outliers, spikes, usable_samples
 from smsid.likelihood import Refinement, refine
 from smsid.likelihood.nuisance_parameters import Nuisance
+from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.recording_term import piece_of
 from smsid.likelihood.spline import Samples, fit_motion
+from smsid.model import build_model
+from smsid.paths import urdf_folder
 from smsid.recording import Recording
 
 from . import faulty, twin
@@ -130,3 +134,13 @@ def test_spikes_of_a_smooth_motion():
     assert not spikes(values, np.full(2, 1e-5)).any()
     values[[100, 500], 0] += 1e-3
     assert np.flatnonzero(spikes(values, np.full(2, 1e-5))).tolist() == [100, 500]
+
+
+def test_an_arm_on_the_ground_is_told_apart_and_where_to_go(tmp_path):
+    """A bare URDF has no keys to set."""
+    text = (urdf_folder() / "arm3.urdf").read_text(encoding="utf-8")
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    model = build_model(load_description(tmp_path / "arm.urdf").model_copy(update={"root": "fixed"}))
+    with pytest.raises(DescriptionError, match=r"stands on the ground.*smsid new") as caught:
+        Parameters.of(model)
+    assert "Maximum likelihood" not in str(caught.value)
