@@ -55,7 +55,7 @@ def validated(
         return model.model_validate(tables if folder is None else {**tables, "folder": folder})
     except ValidationError as cause:
         other = toml_kind(tables)
-        if kind and other not in (kind, None):
+        if kind and other not in (kind, None) and not set(dict(TOML_KINDS)[kind]) & set(tables):
             told, wanted = (k.replace("_", " ") for k in (str(other), kind))
             raise error(
                 f"{where} is of the kind '{told}', no {wanted}.",

@@ -143,7 +143,8 @@ def checked(times: ArrayLike, ideal: ArrayLike, attitude: bool) -> tuple[FloatAr
     bad = np.flatnonzero(~np.isfinite(x).reshape(t.size, -1).all(axis=1))
     if bad.size:
         raise RecordingError(
-            f"{bad.size} of {t.size} samples are not finite, the first at t = {time_text(t[bad[0]], t[0])}.",
+            f"{bad.size} of {t.size} samples are not finite, the first at "
+            f"t = {time_text(float(t[bad[0]]), float(t[0]))}.",
             advice="Remove them before applying sensor errors.",
             samples=bad,
         )

@@ -37,6 +37,13 @@ def test_swapped_arguments_are_named(words, told, tmp_path, monkeypatch, capsys)
     assert left.value.code == 1 and told in err and "Traceback" not in err
 
 
+def test_one_key_of_another_kind_is_a_wrong_key(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text('schema = 1\nname = "x"\nurdf = "x.urdf"\nduration = 1.0\n', encoding="utf-8")
+    with pytest.raises(SmsidError, match="duration: unknown key"):
+        load_description(path)
+
+
 TOMLS = {
     "experiment": 'name = "x"\nduration = 1.0\n',
     "mapping": '[channel."imu.angular_rate"]\ncolumns = ["a", "b", "c"]\n',

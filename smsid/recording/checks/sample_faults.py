@@ -110,7 +110,7 @@ def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray
     size, count = float(steps[jumps[0]]), float(jumps.size)
     sentence = (
         f"'{channel}' {component} jumps by a full turn ({size:.4g} rad in one sample) {jumps.size} times, "
-        f"first at t = {time_text(t[jumps[0] + 1], t[0])}."
+        f"first at t = {time_text(float(t[jumps[0] + 1]), float(t[0]))}."
     )
     mend = "The angle was logged within one turn: unwrap it (numpy.unwrap) before the import."
     return Finding(channel, (component,), "full turn", "", (count, size), True, sentence, mend)
