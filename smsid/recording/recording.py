@@ -294,7 +294,7 @@ class Recording(Told):
                 raise RecordingError(
                     f"Clock '{clock}' has no sample between {stamp_text(t0)} and {stamp_text(t1)} s; it runs "
                     f"from {stamp_text(times[0])} to {stamp_text(times[-1])} s.",
-                    advice="Choose a window inside.",
+                    advice="Choose a window inside, in the stamps of the recording.",
                     clock=clock,
                     start=float(times[0]),
                     end=float(times[-1]),

@@ -19,37 +19,32 @@ from smsid.sensing import ErrorModel
 BEGIN, END = "<!-- effects: begin -->", "<!-- effects: end -->"
 ERRORS = "<!-- errors: begin -->", "<!-- errors: end -->"
 
-KNOWN = "taken into account as known", "taken into account as known"
-NOISE = "as noise", "as noise"
-LEFT_OUT = "readings at it are left out", "readings at it are left out"
+KNOWN, NOISE = "taken into account as known", "as noise"
 DRAWN = "one more unknown of each recording, with this standard deviation"
 USE = {
     "noise_density": NOISE,
     "noise_sigma": NOISE,
     "bias": KNOWN,
-    "bias_sigma": (DRAWN, "of IMUs: one more unknown, with this standard deviation"),
-    "bias_instability": (
-        f"{DRAWN} (that of the process), and a state of the filter; noise where it is fast",
-        "of IMUs: a constant bias of the process's standard deviation",
-    ),
-    "bias_correlation_time": ("with `bias_instability`", "not used"),
-    "random_walk": ("a state of the filter", "not used"),
+    "bias_sigma": DRAWN,
+    "bias_instability": "a state of the filter about an unknown bias; where it is fast, noise",
+    "bias_correlation_time": "with `bias_instability`",
+    "random_walk": "a state of the filter",
     "scale_error": KNOWN,
     "scale_slope": KNOWN,
-    "scale_sigma": (DRAWN, "not used"),
+    "scale_sigma": DRAWN,
     "misalignment": KNOWN,
-    "misalignment_sigma": (f"{DRAWN}; not of several stations", "not used"),
+    "misalignment_sigma": f"{DRAWN}; not where a channel has several stations",
     "quantisation": NOISE,
-    "saturation": LEFT_OUT,
+    "saturation": "readings at it are left out",
     "delay": KNOWN,
     "time_offset": KNOWN,
     "bias_from": KNOWN,
     "outlier_rate": NOISE,
     "outlier_size": NOISE,
-    "stuck_from": ("readings from then on are left out",) * 2,
-    "components": ("as the keys in it",) * 2,
+    "stuck_from": "readings from then on are left out",
+    "components": "as the keys in it",
 }
-"""What identification and tracking by the filter make of each key, and what diagnosis does."""
+"""What the filter of identification, tracking and diagnosis makes of each key."""
 
 
 def effects_reference() -> str:
@@ -67,12 +62,12 @@ def effects_reference() -> str:
 
 def errors_reference() -> str:
     """Return Markdown with a table of every key of a sensor's errors: unit, meaning, and what uses it."""
-    lines = ["| key | meaning | `identify`, `track` | `diagnose` |", "|---|---|---|---|"]
+    lines = ["| key | meaning | in `identify`, `track` and `diagnose` |", "|---|---|---|"]
     text = (ErrorModel.__doc__ or "").split("Attributes:\n")[1].split("\n\n")[0]
     said = dict(re.findall(r"^ {8}(\w+): (.*?)(?=^ {8}\w|\Z)", text + "\n", re.MULTILINE | re.DOTALL))
     for name in ErrorModel.model_fields:
         meaning = " ".join(said[name].split()).replace("``", "`")
-        lines.append(f"| `{name}` | {meaning.removesuffix(' See below.')} | {' | '.join(USE[name])} |")
+        lines.append(f"| `{name}` | {meaning.removesuffix(' See below.')} | {USE[name]} |")
     return "\n".join(lines) + "\n"
 
 
