@@ -112,6 +112,17 @@ def test_check_tells_all_faults_at_once(tmp_path):
     assert all(key in doubts for key in ("max_torque", "max_rate", "max_force", "[[sensor]]"))
 
 
+def test_check_doubts_errors_of_sensors_that_none_has(tmp_path):
+    file = tmp_path / "x.toml"
+    (tmp_path / "bus.urdf").write_text((urdf_folder() / "bus.urdf").read_text())
+    file.write_text(
+        'schema = 1\nname = "x"\nurdf = "bus.urdf"\n[[sensor]]\nname = "imu"\nkind = "imu"\nrate = 50\n'
+        "errors.angular_rate = { noise_sigma = 5e-5, saturation = 1e-6, delay = 3.0 }\n"
+    )
+    doubts = [d for d in run("check", str(file))["doubtful"] if "'imu': errors.angular_rate" in d]
+    assert len(doubts) == 2 and "saturation" in doubts[0] and "delay" in doubts[1]
+
+
 def test_regressors_of_the_bundled_craft_are_exact():
     found = run("regressor", "paper_sms", "--states", "5")
     assert {"torque, Pinocchio rnea", "momentum, Pinocchio centroidal"} <= found["errors"].keys()
