@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from smsid._statistics import NORMAL95
 from smsid.arm.columns import JointStates
 from smsid.arm.identify import rigid_arm, torque_rows
 from smsid.arm.joint_torques import block_length, block_means
+from smsid.arm.presets import with_joint_effects
 from smsid.arm.smooth_motion import smooth_motion
 from smsid.arm.torque_calibration import TorqueScale, known_links, torque_scales
 from smsid.description import Description
@@ -31,15 +33,40 @@ class JointDoubt:
     """Something that looks wrong about a joint.
 
     ``kind`` is ``sign of angle``, ``sign of torque``, ``sign of axis`` (both turned), ``degrees``, ``order of
-    torques`` (``joint`` names both) or ``torque scale``; ``before`` and ``after`` are the relative errors
-    as recorded and as suggested, of the torques that it touches (NaN for a scale).
+    angles``, ``order of torques``, ``order of joints`` (both; ``joint`` names the two) or ``torque scale``;
+    ``before`` and ``after`` are the relative errors as recorded and as suggested, of the torques that it
+    touches (NaN for a scale).
     """
 
     joint: str
     kind: str
     before: float
     after: float
-    sentence: str
+    told: str
+    mend: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """What is doubted, and what mends it."""
+        return f"{self.told}. {self.mend}".strip() if self.mend else self.told
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A change of the recording: angles (B, joints) become ``angles[:, order] * scale``, and torques alike.
+
+    ``touched`` are the joints whose torques tell, all where angles change.
+    """
+
+    joint: str
+    kind: str
+    told: str
+    mend: str
+    scale: np.ndarray
+    order: np.ndarray
+    torque_scale: np.ndarray
+    torque_order: np.ndarray
+    touched: Sequence[int]
 
 
 def joint_doubts(
@@ -51,10 +78,11 @@ def joint_doubts(
 ) -> tuple[JointDoubt, ...]:
     """Return joints whose signs, units, order or torques' scale contradict a description.
 
-    Angle, torque or both of one joint at a time are turned, its angle is taken for degrees, torques of two
-    joints are exchanged; torques of the described links, times a scale per joint, and the description's
-    effects are fitted each time. What more than halves the error is told; after that, scales further than a
-    factor of two from 1 are: a current, or motor torque instead of joint torque.
+    Angle, torque or both of one joint at a time are turned, its angle is taken for degrees, those of two
+    joints are exchanged; torques of the described links, times a scale per joint, and effects are fitted each
+    time. Every joint may have friction, a rotor and an offset, and no effect leaves its bounds: friction that
+    drives would explain a turned angle. What more than halves the error is told; after that, scales further
+    than a factor of two from 1 are: a current, or motor torque instead of joint torque.
 
     Args:
         description: a welded arm whose link inertias are about right.
@@ -67,39 +95,71 @@ def joint_doubts(
         RecordingError: as `smooth_motion`.
         NotIdentifiableError: no joint moves.
     """
-    seen = _Compared(description, recording, cutoff, hold)
-    none, count = np.ones(len(seen.names)), len(seen.names)
-    every = range(count)
-    trials: list[tuple[np.ndarray, Sequence[int], str, str]] = []
-    for k, name in enumerate(seen.names):
-        turned = np.where(np.arange(count) == k, -1.0, 1.0)
-        reversed_torque = seen.torque * np.where(np.arange(seen.torque.shape[1]) == seen.index[k], -1.0, 1.0)
-        trials += [
-            (seen.errors(scale, torque), on, kind, f"Joint '{name}' fits the description with its {what}")
-            for kind, what, scale, torque, on in (
-                ("sign of angle", "angle turned round", turned, seen.torque, every),
-                ("sign of torque", "torque turned round", none, reversed_torque, (k,)),
-                ("sign of axis", "angle and torque both turned round", turned, reversed_torque, every),
-                ("degrees", "angle in degrees", np.where(turned < 0.0, DEGREE, 1.0), seen.torque, every),
-            )
-        ]
-    for a, b in itertools.combinations(every, 2):
-        order = np.arange(seen.torque.shape[1])
-        order[[seen.index[a], seen.index[b]]] = order[[seen.index[b], seen.index[a]]]
-        told = (
-            f"Joints '{seen.names[a]}' and '{seen.names[b]}' fit the description with their torques exchanged"
-        )
-        trials.append((seen.errors(none, seen.torque[:, order]), (a, b), "order of torques", told))
-    errors, on, kind, told = min(trials, key=lambda t: float(np.sum(t[0] ** 2)))
-    # what a change of torques does not touch may have a fault of its own
-    before, after = (
-        float(np.sqrt(np.mean(e[list(on)] ** 2))) for e in (seen.errors(none, seen.torque), errors)
-    )
-    if after < MENDED * before:
-        joint = ", ".join(seen.names[k] for k in on) if kind == "order of torques" else told.split("'")[1]
-        sentence = f"{told}: relative torque error {after:.3g} instead of {before:.3g}."
-        return (JointDoubt(joint, kind, before, after, sentence),)
+    doubt = wrong_column(description, recording, cutoff=cutoff, hold=hold)
+    if doubt is not None:
+        return (doubt,)
     return scale_doubts(torque_scales(description, recording, cutoff=cutoff, hold=hold))
+
+
+def wrong_column(
+    description: Description,
+    recording: Recording,
+    *,
+    cutoff: float | None = None,
+    hold: Mapping[str, float] | None = None,
+) -> JointDoubt | None:
+    """Return the sign, unit or order that `joint_doubts` finds wrong; `None` if none is."""
+    joints = rigid_arm(description, hold).arm_joints.names
+    description = with_joint_effects(description, joints, "joint_friction", "torque_offset", "motor_inertia")
+    seen = _Compared(description, recording, cutoff, hold)
+    trials = list(_trials(seen.names))
+    as_recorded = seen.errors(_as_recorded(seen.names))
+    errors = [seen.errors(t) for t in trials]
+    best = int(np.argmin([np.sum(e**2) for e in errors]))
+    trial, touched = trials[best], list(trials[best].touched)
+    # what a change of torques does not touch may have a fault of its own
+    before, after = (float(np.sqrt(np.mean(e[touched] ** 2))) for e in (as_recorded, errors[best]))
+    if not after < MENDED * before:
+        return None
+    told = f"{trial.told}: relative torque error {after:.3g} instead of {before:.3g}"
+    return JointDoubt(trial.joint, trial.kind, before, after, told, trial.mend)
+
+
+def _as_recorded(names: Sequence[str]) -> _Trial:
+    same, order = np.ones(len(names)), np.arange(len(names))
+    return _Trial("", "", "", "", same, order, same, order, range(len(names)))
+
+
+def _trials(names: Sequence[str]) -> Iterator[_Trial]:
+    """Yield every joint's angle and torque turned, its angle in degrees, and every two joints exchanged."""
+    plain = _as_recorded(names)
+    sign = "Mend the mapping: -1 at its place in `sign = [...]` of the"
+    for k, name in enumerate(names):
+        turned = np.where(plain.order == k, -1.0, 1.0)
+        degrees = np.where(plain.order == k, DEGREE, 1.0)
+        one = replace(plain, joint=name, told=f"Joint '{name}' fits the description with its ")
+        for kind, what, mend, changed in (
+            ("sign of angle", "angle turned round", f"{sign} angles", {"scale": turned}),
+            ("sign of torque", "torque turned round", f"{sign} torques",
+             {"torque_scale": turned, "touched": (k,)}),
+            ("sign of axis", "angle and torque both turned round", f"{sign} angles and of the torques",
+             {"scale": turned, "torque_scale": turned}),
+            ("degrees", "angle in degrees", 'Mend the mapping: unit = "degree" for it', {"scale": degrees}),
+        ):  # fmt: skip
+            yield replace(one, kind=kind, told=one.told + what, mend=f"{mend}.", **changed)
+    for a, b in itertools.combinations(range(len(names)), 2):
+        order = plain.order.copy()
+        order[[a, b]] = b, a
+        for what, changed in (
+            ("angles", {"order": order}),
+            ("torques", {"torque_order": order, "touched": (a, b)}),
+            ("joints", {"order": order, "torque_order": order}),
+        ):
+            both = "angles and torques" if what == "joints" else what
+            told = f"Joints '{names[a]}' and '{names[b]}' fit the description with their {both} exchanged"
+            mend = f"Mend the mapping: their places in `columns` of the {both}."
+            joint = f"{names[a]}, {names[b]}"
+            yield replace(plain, joint=joint, kind=f"order of {what}", told=told, mend=mend, **changed)
 
 
 def scale_doubts(scales: Sequence[TorqueScale]) -> tuple[JointDoubt, ...]:
@@ -139,33 +199,47 @@ class _Compared:
         self.v, self.a = block_means(motion.v, starts), block_means(motion.a, starts)
         self.torque = block_means(motion.torque, starts)
         self.temperature = None if motion.temperature is None else block_means(motion.temperature, starts)
-        self._rows: dict[bytes, np.ndarray] = {}
+        self._rows: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
-    def errors(self, scale: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """Return the relative errors (joints,) of torques (B, nv) with angles times ``scale`` (joints,).
+    def errors(self, trial: _Trial) -> np.ndarray:
+        """Return the relative errors (joints,) of the torques, changed as a trial says.
 
-        One positive scale per joint for the links, and the effects are fitted.
+        One positive scale per joint for the links, and the effects within their bounds, are fitted.
         """
-        rows = self._at(scale)
+        rows, bounds = self._at(trial)
         links, extra = rows[:, :, : self.theta.size] @ self.theta, rows[:, :, self.theta.size :]
         out = np.zeros(len(self.names))
+        torque = self.torque[:, self.index][:, trial.torque_order] * trial.torque_scale
         for k, j in enumerate(self.index.tolist()):
-            own = extra[:, j]
-            own = own[:, np.any(own != 0.0, axis=0)]
-            size = np.linalg.norm(torque[:, j])
-            columns = np.column_stack([links[:, j], own])
-            x = np.linalg.lstsq(columns, torque[:, j], rcond=1e-10)[0]
-            if x[0] < 0.0:  # the links' torque has one sign
-                x = np.concatenate([[0.0], np.linalg.lstsq(own, torque[:, j], rcond=1e-10)[0]])
-            out[k] = float(np.linalg.norm(torque[:, j] - columns @ x)) / size if size > 0.0 else 0.0
+            acts = np.any(extra[:, j] != 0.0, axis=0)
+            columns = np.column_stack([links[:, j], extra[:, j][:, acts]])
+            limits = np.vstack([[0.0, np.inf], bounds[acts]])  # the links' torque has one sign
+            size = np.linalg.norm(torque[:, k])
+            out[k] = _left(columns, torque[:, k], limits) / size if size > 0.0 else 0.0
         return out
 
-    def _at(self, scale: np.ndarray) -> np.ndarray:
-        key = scale.tobytes()
+    def _at(self, trial: _Trial) -> tuple[np.ndarray, np.ndarray]:
+        """Return rows (B, nv, n) of changed angles, and bounds (m, 2) of the effects' columns."""
+        key = trial.scale.tobytes() + trial.order.tobytes()
         if key not in self._rows:
-            rates = np.ones(self.v.shape[1])
-            rates[self.index] = scale
-            q = np.array([self.model.set_joint_angles(self.model.home, x) for x in self.angles * scale])
-            states = JointStates(q, self.v * rates, self.a * rates, self.torque, self.temperature)
-            self._rows[key], _, _ = torque_rows(self.model, states)
+            v, a = self.v.copy(), self.a.copy()
+            for rates, own in ((v, self.v), (a, self.a)):
+                rates[:, self.index] = own[:, self.index][:, trial.order] * trial.scale
+            angles = self.angles[:, trial.order] * trial.scale
+            q = np.array([self.model.set_joint_angles(self.model.home, x) for x in angles])
+            rows, names, _ = torque_rows(self.model, JointStates(q, v, a, self.torque, self.temperature))
+            listed = {p.name: p for e in self.model.description.effect for p in e.parameters()}
+            own = [listed[n] for n in names[self.theta.size :]]
+            self._rows[key] = rows, np.array([[p.lower, p.upper] for p in own]).reshape(-1, 2)
         return self._rows[key]
+
+
+def _left(columns: np.ndarray, target: np.ndarray, limits: np.ndarray) -> float:
+    """Return the norm of what columns (B, n) with coefficients within limits (n, 2) leave of a target."""
+    size = np.linalg.norm(columns, axis=0)
+    columns, limits = columns[:, size > 0.0] / size[size > 0.0], limits[size > 0.0]
+    basis, triangle = np.linalg.qr(columns)
+    shown = basis.T @ target
+    limits = limits * size[size > 0.0, None]
+    x = lsq_linear(triangle, shown, (limits[:, 0], limits[:, 1]), method="bvls").x
+    return float(np.linalg.norm(target - columns @ x))

@@ -12,7 +12,7 @@ import numpy as np
 from smsid._statistics import NORMAL95
 from smsid.arm.comparison import JudgedArm
 from smsid.arm.identify import identify_arm, rigid_arm
-from smsid.arm.input_checks import joint_doubts, scale_doubts
+from smsid.arm.input_checks import joint_doubts
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.readings import with_passive_joints
 from smsid.arm.servo import identify_servos, is_of_servos
@@ -29,9 +29,6 @@ from smsid.identify.estimate import save_estimate
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 from smsid.report.arm import arm_report
-
-DOUBTFUL = 0.3
-"""Relative error of the torques from on which other signs, units and orders are tried."""
 
 
 def identify_and_judge(
@@ -121,11 +118,7 @@ def identify_and_judge(
     print_parts(estimate_parts(found.estimate, everything=everything))
     _print_judgement(found, judged)
     if not servos and np.any(Regressor(found.model).parameters):
-        if judged[0][2].relative > DOUBTFUL:
-            doubts = joint_doubts(description, train[0], cutoff=cutoff, hold=held)
-        else:
-            doubts = scale_doubts(torque_scales(description, train[0], cutoff=cutoff, hold=held))
-        for doubt in doubts:
+        for doubt in joint_doubts(description, train[0], cutoff=cutoff, hold=held):
             say(f"doubt: {doubt.sentence}", style="yellow")
     for line in told(found.estimate.notes, everything=everything):
         say(line)

@@ -54,6 +54,16 @@ def test_an_arm_is_identified_and_judged(tmp_path):
     assert isinstance(only.exception, RecordingError) and not (tmp_path / "f.json").exists()
 
 
+def test_a_turned_angle_is_named_though_links_found_from_it_fit_well(tmp_path):
+    save_description(described(), tmp_path / "arm.toml")
+    t, q, _, torque = motion()
+    save_recording(recorded(t, q * [1.0, 1.0, -1.0], torque), tmp_path / "log.nc")
+    shown = run("identify", tmp_path / "arm.toml", tmp_path / "log.nc", "-o", tmp_path / "e.json")
+    assert shown.exit_code == 0, shown.output
+    doubts = [line for line in shown.output.splitlines() if line.startswith("doubt:")]
+    assert len(doubts) == 1 and "'joint3' fits the description with its angle turned round" in doubts[0]
+
+
 def test_a_current_of_unknown_gain(tmp_path):
     gears = [Gear(name=f"gear{k}", joint=n, ratio=40.0) for k, n in enumerate(JOINTS)]
     arm = with_joint_effects(described(), JOINTS, "joint_friction").with_effects(*gears)

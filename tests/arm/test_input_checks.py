@@ -41,6 +41,29 @@ def test_a_turned_joint_is_named(arm, log, joint, kind):
     assert doubt.after < 0.05 and JOINTS[joint] in doubt.sentence
 
 
+@pytest.mark.parametrize("joint", range(3))
+def test_a_turned_angle_is_named_where_friction_would_explain_it(log, joint):
+    # friction that drives and a rotor of negative inertia fit the turned joint's own torque
+    t, q, v, torque = log
+    rubbed = torque + np.tanh(v / 0.01) * [200.0, 150.0, 100.0] + v * [600.0, 500.0, 300.0]
+    turned = q * np.where(np.arange(3) == joint, -1.0, 1.0)
+    assert joint_doubts(described(), recorded(t, q, rubbed)) == ()
+    (doubt,) = joint_doubts(described(), recorded(t, turned, rubbed))
+    assert (doubt.joint, doubt.kind) == (JOINTS[joint], "sign of angle")
+    assert "sign = [...]" in doubt.sentence
+
+
+@pytest.mark.parametrize("what", ["angles", "torques", "joints"])
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
+def test_exchanged_columns_are_named(arm, log, what, pair):
+    t, q, _, torque = log
+    order = np.arange(3)
+    order[list(pair)] = pair[::-1]
+    angles = q if what == "torques" else q[:, order]
+    (doubt,) = joint_doubts(arm, recorded(t, angles, torque if what == "angles" else torque[:, order]))
+    assert doubt.joint == f"{JOINTS[pair[0]]}, {JOINTS[pair[1]]}" and doubt.kind == f"order of {what}"
+
+
 def test_a_current_in_place_of_a_torque_is_named(arm, log):
     t, q, _, torque = log
     mixed = torque * [1.0, 0.02, 1.0]  # joint2 logs current

@@ -26,6 +26,10 @@ from smsid.recording import Recording, save_recording
 from tests.diagnose.torque_world import CASES, Case, described, on, recorded
 
 
+def rubbed(q, v, a, load):
+    return 40.0 * v + 20.0 * np.tanh(v / 0.01)
+
+
 @pytest.fixture(scope="module")
 def estimate():
     """Of the same arm, from another recording with nothing hidden."""
@@ -165,6 +169,22 @@ def test_another_arms_recording_is_not_evaluated():
     assert found.verdict == "not_evaluated" and "left unexplained" in found.sentence
     short = diagnose(described(), [log.window(0.0, 2.0)]).diagnosis
     assert short.verdict == "not_evaluated"
+
+
+@pytest.mark.parametrize("kind", ["sign of angle", "order of angles"])
+def test_a_wrong_column_of_angles_is_refused_and_no_cause_at_healthy_joints_is_written(kind, tmp_path):
+    log = recorded(rubbed, seed=3)
+    angles = log["encoder.joint_position"]
+    wrong = angles * [1.0, -1.0, 1.0] if kind == "sign of angle" else angles[:, [0, 2, 1]]
+    save_description(described(), tmp_path / "arm.toml")
+    save_recording(log.with_channels({"encoder.joint_position": wrong}), tmp_path / "log.nc")
+    args = ["diagnose", str(tmp_path / "arm.toml"), str(tmp_path / "log.nc"), "-o", str(tmp_path / "d.json")]
+    shown = CliRunner().invoke(app, args)
+    assert shown.exit_code == 4, shown.output
+    document = json.loads((tmp_path / "d.json").read_text())
+    assert document["verdict"] == "not_evaluated" and not document["causes"]
+    assert "joint2" in document["sentence"] and "Mend the mapping" in document["sentence"]
+    assert not (tmp_path / "extended.toml").exists()
 
 
 def test_noise_is_learnt_beside_what_the_model_lacks():

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from smsid.arm.identify import rigid_arm
+from smsid.arm.input_checks import wrong_column
 from smsid.description import Description
 from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Value, Verdict
 from smsid.diagnose.specification_tests import SpecificationTest
@@ -22,6 +24,7 @@ from smsid.diagnose.verdict import alias, describe, is_sibling, tested
 from smsid.effects.friction import frictions_of
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
+from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 
 
@@ -54,7 +57,7 @@ def diagnose_torques(
         cutoff: low-pass of the motion [Hz]; default as `motion_cutoff`.
 
     Raises:
-        RecordingError: the recording cannot be used, or is of another arm.
+        RecordingError: the recording cannot be used, has a wrong sign or column, or is of another arm.
     """
     begin = time.process_time()
     for recording in recordings:
@@ -62,6 +65,7 @@ def diagnose_torques(
     together = ", ".join(r.name for r in recordings)
     equations = torque_equations(description, recordings, cutoff=cutoff)
     require_excitation(equations, together)
+    _require_columns(description, recordings)
     if len(equations.time) < THRESHOLDS.shortest:
         raise RecordingError(
             f"'{together}' gives {len(equations.time)} instants; a diagnosis needs {THRESHOLDS.shortest}.",
@@ -125,6 +129,27 @@ def diagnose_torques(
         ),
     )
     return result, extended, found
+
+
+def _require_columns(description: Description, recordings: Sequence[Recording]) -> None:
+    """Raise `RecordingError` for a sign, unit or order of joints that is wrong beyond doubt.
+
+    The causes that fit such a recording best are at other joints, which are healthy.
+    """
+    if not np.any(Regressor(rigid_arm(description)).parameters):
+        return
+    for recording in recordings:
+        doubt = wrong_column(description, recording)
+        if doubt is not None:
+            raise RecordingError(
+                f"'{recording.name}' has a wrong column. {doubt.told}.",
+                advice=doubt.mend,
+                recording=recording.name,
+                joint=doubt.joint,
+                kind=doubt.kind,
+                before=doubt.before,
+                after=doubt.after,
+            )
 
 
 def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) -> FoundCause:
