@@ -28,7 +28,7 @@ from smsid.effects import Effect
 from smsid.effects.assembly import Assembly
 from smsid.effects.external import tilt_of, tilted_gravity
 from smsid.errors import DescriptionError, RecordingError
-from smsid.identify.estimate import HELD, Estimate, ParameterEstimate, classify
+from smsid.identify.estimate import HELD, SHAPE, Estimate, ParameterEstimate, classify
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
@@ -182,7 +182,9 @@ def identify_arm(
             "total": done - begin,
         },
         notes=tuple(notes),
-        conditions={"torque regressor": solved.condition} | {HELD + j: x for j, x in (hold or {}).items()},
+        conditions={"torque regressor": solved.condition}
+        | {HELD + j: x for j, x in (hold or {}).items()}
+        | {f"{SHAPE}{s.effect}.{s.field}": s.value for s in shapes if s.status == "found"},
         covariance=padded_covariance(whole.covariance, len(parameters)),
     )
     return ArmIdentification(

@@ -206,6 +206,7 @@ def _with_extent(theta: np.ndarray) -> np.ndarray:
 def with_estimate(description: Description, estimate: Estimate) -> tuple[Description, list[str]]:
     """Return the description with its effects at the estimate's values, and notes on what was not taken.
 
+    With them go the rates its friction is not linear in, as found (``smoothing``).
     A parameter that is not identifiable keeps the described value unless its 95 % interval excludes that; one
     beyond a bound goes to the bound.
     Appendages become modal ones with the identified density, frequencies and damping, but for a beam that an
@@ -231,7 +232,9 @@ def with_estimate(description: Description, estimate: Estimate) -> tuple[Descrip
             own[p.name] = float(np.clip(value, p.lower, p.upper))
             if own[p.name] != value:
                 notes.append(f"{p.name} = {value:.4g} {p.unit} is beyond its bound: {own[p.name]:g}")
-        effects.append(effect.with_values(own) if own else effect)
+        effect = effect.with_values(own) if own else effect
+        shaped = {f: estimate.shapes.get(f"{effect.name}.{f}") for f in effect.torque_shapes()}
+        effects.append(effect.model_copy(update={f: x for f, x in shaped.items() if x is not None}))
     return as_described(description.with_effects(*effects), panels), notes
 
 

@@ -57,6 +57,9 @@ class Iteration:
 HELD = "held joint "
 """How the name of a condition begins that is the position of a held joint."""
 
+SHAPE = "shape "
+"""The same of a rate [rad/s | m/s] that an effect's torque is not linear in: ``shape <effect>.<field>``."""
+
 
 @dataclass(frozen=True, repr=False)
 class Estimate:
@@ -124,6 +127,11 @@ class Estimate:
     def held(self) -> dict[str, float]:
         """Return the positions [rad | m] of joints that were held: what is beyond them is part of links."""
         return {k.removeprefix(HELD): x for k, x in self.conditions.items() if k.startswith(HELD)}
+
+    @property
+    def shapes(self) -> dict[str, float]:
+        """Return the rates [rad/s | m/s] ``<effect>.<field>`` found beside parameters: widths of a sign."""
+        return {k.removeprefix(SHAPE): x for k, x in self.conditions.items() if k.startswith(SHAPE)}
 
     def __bool__(self) -> bool:
         return True

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 from typer.testing import CliRunner
 
-from smsid.arm import identify_arm
+from smsid.arm import identify_arm, with_joint_effects
 from smsid.cli.app import app
 from smsid.datasets import have, tx40
 from smsid.description import load_description, save_description
@@ -21,9 +21,10 @@ from smsid.diagnose.torque.equations import torque_equations
 from smsid.diagnose.torque.fit import Prior, Term, effects_of, fit_torques, learn_noise
 from smsid.diagnose.torque.whitening import Whitening, robust_p_value
 from smsid.effects import JointFriction
+from smsid.export import export_folder
 from smsid.model import build_model
 from smsid.recording import Recording, save_recording
-from tests.diagnose.torque_world import CASES, Case, described, on, recorded
+from tests.diagnose.torque_world import CASES, JOINTS, Case, described, on, recorded
 
 
 def rubbed(q, v, a, load):
@@ -185,6 +186,23 @@ def test_a_wrong_column_of_angles_is_refused_and_no_cause_at_healthy_joints_is_w
     assert document["verdict"] == "not_evaluated" and not document["causes"]
     assert "joint2" in document["sentence"] and "Mend the mapping" in document["sentence"]
     assert not (tmp_path / "extended.toml").exists()
+
+
+def test_identified_friction_explains_the_recording_it_is_from(tmp_path):
+    """Exported with the width of its sign; how sharply it turns over beyond that is not asked."""
+
+    def hidden(q, v, a, load):
+        return 40.0 * v + [15.0, 12.0, 10.0] * np.tanh(v / 0.015)
+
+    log = recorded(hidden, seed=3)
+    arm = with_joint_effects(described(), JOINTS, "joint_friction")
+    known = identify_arm(arm, log).estimate
+    out = export_folder(arm, tmp_path / "out", known, mujoco=False).folder
+    exported = load_description(out / "arm.toml")
+    widths = [exported.get_effect(f"friction_{j}").smoothing for j in JOINTS]
+    assert widths == pytest.approx([0.015] * 3, rel=0.3)
+    found = diagnose(exported, [log], estimate=known).diagnosis
+    assert found.verdict == "adequate", found.sentence
 
 
 def test_noise_is_learnt_beside_what_the_model_lacks():

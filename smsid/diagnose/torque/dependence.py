@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2
 
+from smsid.arm.joint_torques import SIGN_FIELD, acts_on, sign_rate
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.fit import TorqueFit
@@ -32,7 +33,7 @@ def dependences(found: TorqueFit) -> list[SpecificationTest]:
     The torque of every joint against its own rate, load, acceleration, angle, ripple over the angle of joint
     and motor, time and its own slope (a delay), and against rate and acceleration of every other joint. The
     p-values allow for noise that is coloured or uneven: ``ratio`` is the chi-squared of the same p-value.
-    How sharply fitted Coulomb friction turns over at a reversal is free to differ from the catalogue's curve.
+    How sharply Coulomb friction, described or found, turns over at a reversal is free to differ.
     """
     out = []
     curves = _curves(found)
@@ -58,23 +59,30 @@ def dependences(found: TorqueFit) -> list[SpecificationTest]:
 
 def _curves(found: TorqueFit) -> np.ndarray:
     """Orthonormal directions in which the turning over of fitted Coulomb friction may differ (rows, k)."""
-    names = {n for term in found.terms for n in term.names}
     parts = []
-    for j, joint in enumerate(found.equations.names):
-        own = [n for n in names if n.endswith(("coulomb", "stribeck", "load", "position_cos"))]
-        shared = {t.candidate.joints for t in found.terms if set(t.names) & set(own)}
-        rates = [
-            sum(found.equations.motion.v[:, found.equations.names.index(k)] for k in joints)
-            for joints in shared
-            if joint in joints
-        ]
-        for rate in rates:
-            for width in CURVES:
-                values = np.zeros((*found.load.shape, 1))
-                values[:, j, 0] = np.tanh(rate / width) - np.tanh(rate / SIGN)
-                parts.append(found.whitened(found.equations.filtered(values)))
+    for j, rate, fitted in _rubbing(found):
+        for width in CURVES:
+            values = np.zeros((*found.load.shape, 1))
+            values[:, j, 0] = np.tanh(rate / width) - np.tanh(rate / fitted)
+            parts.append(found.whitened(found.equations.filtered(values)))
     none = np.zeros((len(found.left), 0))
     return _beyond(found, np.hstack([none, *parts]), none)
+
+
+def _rubbing(found: TorqueFit) -> Iterator[tuple[int, np.ndarray, float]]:
+    """Yield joint, rate (N,) and width of its sign of all Coulomb friction, described or found."""
+    equations = found.equations
+    for effect in equations.description.effect:
+        if SIGN_FIELD in effect.torque_shapes():
+            rate = sign_rate(effect, equations.model, equations.motion.v)
+            for j, _ in acts_on(effect, equations.model):
+                yield j, rate, float(getattr(effect, SIGN_FIELD))
+    rubs = ("coulomb", "stribeck", "load", "position_cos")
+    shared = {t.candidate.joints for t in found.terms if any(n.endswith(rubs) for n in t.names)}
+    for joints in sorted(shared):
+        own = [equations.names.index(k) for k in joints]
+        for j in own:
+            yield j, equations.motion.v[:, own].sum(axis=1), SIGN
 
 
 def _beyond(found: TorqueFit, white: np.ndarray, curves: np.ndarray) -> np.ndarray:
