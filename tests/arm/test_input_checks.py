@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from smsid.arm import identify_arm, joint_doubts, torque_scales, with_joint_effects, with_torque_gains
+from smsid.arm.input_checks import wrong_column
+from smsid.datasets import have, tx40
 from smsid.effects import Gear
 from smsid.errors import DescriptionError
 
@@ -51,6 +53,19 @@ def test_a_turned_angle_is_named_where_friction_would_explain_it(log, joint):
     (doubt,) = joint_doubts(described(), recorded(t, turned, rubbed))
     assert (doubt.joint, doubt.kind) == (JOINTS[joint], "sign of angle")
     assert "sign = [...]" in doubt.sentence
+
+
+def test_signs_of_a_real_arm_are_told_and_what_torques_cannot_tell_apart_together():
+    if not have("staubli_tx40"):
+        pytest.skip("SMSID_DATA has no copy of staubli_tx40")
+    bare, real = tx40(download=False)
+    channel = next(c for c in real.channels if c.endswith(".joint_position"))
+    assert wrong_column(bare, real) is None
+    for k, joint in enumerate(real.labels["joint"][:4]):
+        turned = np.asarray(real[channel]) * np.where(np.arange(6) == k, -1.0, 1.0)
+        doubt = wrong_column(bare, real.with_channels({channel: turned}))
+        assert doubt is not None and doubt.joint == joint
+        assert "angle" in doubt.told and "torque" in doubt.told  # links of this URDF are too poor to tell
 
 
 @pytest.mark.parametrize("what", ["angles", "torques", "joints"])
