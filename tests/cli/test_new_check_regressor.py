@@ -140,7 +140,7 @@ def test_a_root_link_called_world_is_no_ground(tmp_path):
 
 
 def test_an_arm_on_the_ground_has_torques_alone():
-    result = CliRunner().invoke(app, ["regressor", ARM, "--states", "3"])
-    assert result.exit_code == 1 and "--fixed" in str(result.exception)
-    found = run("regressor", ARM, "--fixed", "--states", "3")
-    assert max(found["errors"].values()) < 1e-10 and "momentum, Pinocchio centroidal" not in found["errors"]
+    for how in ([], ["--fixed"]):  # a root without mass stands on the ground anyway
+        found = run("regressor", ARM, *how, "--states", "3")
+        assert max(found["errors"].values()) < 1e-10
+        assert "momentum, Pinocchio centroidal" not in found["errors"]
