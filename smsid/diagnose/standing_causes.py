@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.model_comparison import Cause, wald
+from smsid.diagnose.model_comparison import Cause, each_may_be_zero, wald
 from smsid.diagnose.noise_covariance import Fitted, but_for_a_structure
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
@@ -59,8 +59,10 @@ def standing(found: Search, named: Sequence[FoundCause]) -> tuple[Search, tuple[
 
 
 def _needed(found: Search, cause: Cause, rest: Fit) -> bool:
-    """Whether a cause is needed where what is left is taken as unknown."""
+    """Whether a cause is needed where what is left is taken as unknown, and is there at all."""
     own = cause.score.candidate
+    if each_may_be_zero(rest, own):  # a frequency may be known where the mass is none
+        return False
     chance = 0.5 * cause.score.sides * found.candidates * float(chi2.sf(wald(rest, own), len(own.free)))
     return chance < found.levels.further
 

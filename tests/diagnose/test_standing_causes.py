@@ -30,10 +30,11 @@ def cause(family, location):
 def stands(monkeypatch):
     """Return which of some causes stand, by their places, where another place is unknown and their Wald
     statistic there is given; told with their values in that fit, those at that place with the ones they had.
-    ``followed`` is how much of the errors all of them take away, ``left`` what that of joint2 leaves.
+    ``followed`` is how much of the errors all of them take away, ``left`` what that of joint2 leaves,
+    ``nothing`` where one may as well be none.
     """
 
-    def judge(*named, unknown="panel", ratio=90.0, misfit=True, followed=0.8, left=""):
+    def judge(*named, unknown="panel", ratio=90.0, misfit=True, followed=0.8, left="", nothing=""):
         found = SimpleNamespace(
             misfit=misfit, candidates=100, levels=DetectionThresholds(), followed=followed,
             causes=tuple(cause(c.family, c.location) for c in named), last="bent", failed=(),
@@ -45,6 +46,7 @@ def stands(monkeypatch):
                 {f"equation of {unknown}": unknown},
             ),
             "wald": lambda *_: ratio,
+            "each_may_be_zero": lambda _, candidate: candidate.location == nothing,
             "own_component_left": lambda _, c: left if c.score.candidate.location == "joint2" else "",
             "replace": lambda found, **new: SimpleNamespace(**{**vars(found), **new}),
             "causes": lambda by: tuple(own[c.score.candidate.location] for c in by.causes),
@@ -74,6 +76,11 @@ def test_a_cause_stands_where_it_is_needed_with_the_rest_unknown(stands, misfit,
     """Never at the place that is unknown, whatever its statistic."""
     named = [told(*BIAS), told(*DRAG), told(*PANEL)]
     assert stands(*named, unknown=unknown, ratio=ratio, misfit=misfit) == expected
+
+
+def test_what_may_as_well_be_nothing_does_not_stand(stands):
+    """A mass of 0.02 +- 0.06 kg on a spring that is known well."""
+    assert stands(told(*BIAS), told(*DRAG), nothing="joint2") == (True, False)
 
 
 @pytest.mark.parametrize(("misfit", "ratio"), [(True, 90.0), (True, 9.0), (False, 90.0)])
