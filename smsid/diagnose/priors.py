@@ -230,17 +230,8 @@ def _sensor_errors(point: Point, further: Sequence[str]) -> list[Unknown]:
     """Return the errors of sensors that the description states, of every recording its own."""
     sensors = point.description.sensor
     channels = {f"{s.name}.{q}" for s in sensors for q in s.quantities}
-    stated = {
-        f"{s.name}.{q}"
-        for s in sensors
-        for q in s.quantities
-        for e in (s.error(q),)
-        if np.any(e.bias_sigma) or np.any(e.gauss_markov_sigma) or np.any(e.random_walk)
-    }
-    own = [
-        replace(u, name=u.name.removeprefix(": "))
-        for u in sensor_unknowns(point.base, sensors, channels, "", channels - stated)
-    ]
+    found = sensor_unknowns(point.base, sensors, channels, "", set(), only_stated=True)
+    own = [replace(u, name=u.name.removeprefix(": ")) for u in found]
     return [*own, *(replace(u, name=f"{label}: {u.name}") for label in further for u in own)]
 
 

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from smsid.estimation.scale_conflict import ScaleConflict
 
 LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
-GROSS = 10.0  # times from which a search that is stuck is not helped by better derivatives
 WRONG = 3.0  # times beyond which the model does not explain a channel
 CORRELATED = 0.3  # autocorrelation from which a channel's innovations are no noise, whatever its size
 DISPERSED = 1.5  # spread of the slope, in what it should be, above which a fit explains roughly at best

@@ -16,7 +16,7 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.estimation.commands_between_samples import as_commands_act, undecided, with_timing
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.differences import derivatives_hold
-from smsid.estimation.fit_quality import GROSS, FitQuality, fit_quality
+from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported
@@ -35,6 +35,7 @@ from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, clas
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.report import HELD, METHOD, judged_by_share
+from smsid.likelihood.search import GROSS
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
@@ -249,7 +250,7 @@ def _search(
         visited += more
     found, flights, more = finely_stepped(found, flights, tell)
     visited += more
-    if not converged(found):
+    if not converged(found):  # so far off, better derivatives do not help
         left = fit_quality(found)
         if max((c.ratio for c in left.channels), default=0.0) > GROSS:
             raise _restless(flights, left)

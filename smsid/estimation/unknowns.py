@@ -59,12 +59,18 @@ def unknowns_of(
 
 
 def sensor_unknowns(
-    model: SpacecraftModel, sensors: tuple[Sensor, ...], present: set[str], label: str, taken: set[str]
+    model: SpacecraftModel,
+    sensors: tuple[Sensor, ...],
+    present: set[str],
+    label: str,
+    taken: set[str],
+    *,
+    only_stated: bool = False,
 ) -> list[Unknown]:
     """Return the errors that sensors have in one recording: biases, scales and misalignments.
 
-    Those that are stated, with the standard deviations that are stated, and biases of gyros and
-    accelerometers in any case. They are named ``<label>: <channel>.bias.<axis>``, ``scale`` and
+    Those that are stated, with the standard deviations that are stated, and, unless ``only_stated``, biases
+    of gyros and accelerometers in any case. They are named ``<label>: <channel>.bias.<axis>``, ``scale`` and
     ``misalignment`` likewise, joints and wheels by name. ``present`` are the recording's channels; channels
     in ``taken`` have a bias by an effect that is listed.
     """
@@ -75,7 +81,7 @@ def sensor_unknowns(
             if channel not in present:
                 continue
             errors, labels = sensor.error(quantity), component_labels(model, sensor, quantity)
-            wide = BIAS.get(quantity, 0.0) if sensor.kind == "imu" else 0.0
+            wide = BIAS.get(quantity, 0.0) if sensor.kind == "imu" and not only_stated else 0.0
             bias = np.hypot(np.asarray(errors.bias_sigma, dtype=float), errors.gauss_markov_sigma)
             bias = np.where(bias > 0.0, bias, wide)
             walk = np.asarray(errors.random_walk, dtype=float) * (bias == 0.0)

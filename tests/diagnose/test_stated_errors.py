@@ -3,6 +3,7 @@
 import pytest
 
 from smsid.diagnose import diagnose
+from smsid.diagnose.priors import nominal
 from smsid.recording import Recording
 from tests.diagnose.test_hold_rivals import flown
 
@@ -25,6 +26,16 @@ def test_errors_that_are_stated_are_no_causes(tmp_path, seed):
     description, recording = flown(tmp_path, True, stated=lambda d: with_gyro(d, **STATED), seed=seed)
     found = diagnose(description, [recording]).diagnosis
     assert found.verdict == "adequate", found.sentence
+
+
+def test_a_bias_that_is_not_stated_is_no_nuisance(tmp_path):
+    """Only then can it be found as a cause; the walk begins at nothing."""
+    description, _ = flown(tmp_path, True)
+    for errors, sigma in (({"random_walk": 1e-5}, 1e-5), ({"bias_sigma": (0.0, 3e-4, 0.0)}, 3e-4)):
+        unknowns = nominal(with_gyro(description, **errors), None).unknowns
+        biases = [u for u in unknowns if u.name.startswith("gyro.angular_rate.bias")]
+        assert biases
+        assert all(u.sigma == sigma for u in biases)
 
 
 def test_a_sensor_may_pause(tmp_path):
