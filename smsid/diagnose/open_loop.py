@@ -76,7 +76,7 @@ def _simulated(model: SpacecraftModel, problem: Problem, start: Belief) -> Filte
     exact = Belief(start.q, start.v, np.diag(np.full(2 * nv, EXACT**2)))
     no_noise = Noise(force=0.0, torque=0.0, joint=0.0, wheel=0.0)
     deaf = replace(problem.data, sigma=np.full(problem.data.rows, 1.0 / EXACT))
-    return run_filter(model, replace(problem, data=deaf, noise=no_noise, begin=exact))
+    return run_filter(model, replace(problem, data=deaf, noise=no_noise, begin=exact, bias_walks=()))
 
 
 def _by_start(run: FilterRun) -> np.ndarray:

@@ -378,8 +378,8 @@ def disturbances(run: FilterRun) -> tuple[np.ndarray, np.ndarray]:
     """
     n, nv = len(run.innovations), run.middle_inverse.shape[1]
     slope, known = np.zeros((2, n - 1, nv))
-    by_state, information = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
-    one = np.eye(2 * nv)
+    one = np.eye(run.gain.shape[1])  # biases that wander are states, too
+    by_state, information = np.zeros(len(one)), np.zeros_like(one)
     for k in range(n - 1, 0, -1):
         white = run.whitening[k] @ run.sensitivity[k]
         kept = one - run.gain[k] @ run.sensitivity[k]

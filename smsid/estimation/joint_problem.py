@@ -18,7 +18,7 @@ from smsid.estimation.filter_run import FilterRun, run_of_each
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import applied
 from smsid.estimation.measurements import ChannelSlice, Measured
-from smsid.estimation.parameter_vector import Point
+from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Part, Problem, recordings_of, samples_of_each
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity
@@ -213,15 +213,25 @@ class JointSensitivities(Sensitivities):
         means = np.repeat(middle[:, None], max(f.means.shape[1] for f in found), axis=1)
         return Applied(means, middle, np.concatenate([f.at for f in found]), np.zeros_like(means))
 
-    def bias(self, unknown) -> Sensitivity:
-        """Return the change by the bias of one axis in the recording it is named after, if not the first."""
+    def bias(self, unknown: Unknown) -> Sensitivity:
+        """Return the change by a bias in the recording it is named after, if not the first."""
+        return self._in_its_recording(unknown, Sensitivities.bias)
+
+    def sensor(self, unknown: Unknown) -> Sensitivity:
+        """Return the change by another error of a sensor, in its recording likewise."""
+        return self._in_its_recording(unknown, Sensitivities.sensor)
+
+    def _in_its_recording(
+        self, unknown: Unknown, change: Callable[[Sensitivities, Unknown], Sensitivity]
+    ) -> Sensitivity:
         label, named, name = unknown.name.rpartition(": ")
         own = replace(unknown, name=name) if named else unknown
         readings = []
         for k, (part, s) in enumerate(zip(self.problem.parts, self.each, strict=True)):
-            reading = s.bias(own).reading
-            assert reading is not None
-            readings.append(reading if (part.label == label if named else k == 0) else np.zeros_like(reading))
+            mine = part.label == label if named else k == 0
+            reading = change(s, own).reading if mine else None
+            none = np.zeros((len(s.run.states.time), self.problem.data.rows))
+            readings.append(none if reading is None else reading)
         return Sensitivity(reading=np.concatenate(readings))
 
     def readings(self) -> np.ndarray:

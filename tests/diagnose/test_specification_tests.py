@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose.specification_tests import PAST, SpecificationTest, _log_chance, band_tests
+from smsid.diagnose.specification_tests import PAST, SpecificationTest, _log_chance, band_tests, disturbances
+from smsid.estimation.bias_walk import BiasWalk
+from smsid.estimation.kalman import run_filter
 
 SWITCH = 1000.0  # ratio from which the chance is that of its expansion
 FREEDOMS = [1, 2, 3, 8, 18, 54]
@@ -71,3 +73,13 @@ def test_misfit_is_said_by_channel_and_band(plain):
     inside = 2.0 * np.sum((np.arange(n // 2 + 1) > n / 32) & (np.arange(n // 2 + 1) <= n / 8)) * width
     assert one.freedom == inside
     assert one.ratio == pytest.approx(size**2 * n / 2 + inside, rel=0.1)
+
+
+def test_disturbances_beside_a_bias_that_hardly_wanders_are_those_without(known, problem):
+    model = known.point.model()
+    column = np.zeros(problem.data.rows)
+    column[0] = 1.0
+    walks = (BiasWalk(column, 1e-12),)
+    one, two = (disturbances(run_filter(model, p)) for p in (problem, replace(problem, bias_walks=walks)))
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_allclose(b, a, rtol=1e-5, atol=1e-6 * np.abs(a).max())

@@ -50,3 +50,14 @@ def test_a_sensor_may_pause(tmp_path):
     assert paused.gaps()
     found = diagnose(description, [paused]).diagnosis
     assert found.verdict == "adequate", found.sentence
+
+
+def test_every_recording_has_its_own_stated_errors(tmp_path):
+    """Searched together, and where a third one is simulated, by which nothing that wanders is followed."""
+    flights = [
+        flown(tmp_path, True, stated=lambda d: with_gyro(d, **STATED), seed=seed) for seed in (1, 2, 3)
+    ]
+    one, two, three = (r.with_name(f"flight {k}") for k, (_, r) in enumerate(flights))
+    made = diagnose(flights[0][0], [one, two], validation=[three.with_role("validation")]).diagnosis
+    assert made.verdict == "adequate", made.sentence
+    assert made.gain is not None, made.gain_reason
