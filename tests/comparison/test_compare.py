@@ -161,7 +161,7 @@ def test_a_comparison_comes_back_from_its_file(tmp_path):
     save_comparison(found, tmp_path / "c.json")
     assert load_comparison(tmp_path / "c.json") == found
     (tmp_path / "c.json").write_text('{"kind": "estimate", "schema": 1}')
-    with pytest.raises(SmsidError, match="is no comparison"):
+    with pytest.raises(SmsidError, match="of the kind 'estimate', no comparison"):
         load_comparison(tmp_path / "c.json")
 
 
