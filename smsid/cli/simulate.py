@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -18,7 +18,10 @@ from smsid.errors import SmsidError
 def simulate_command(
     description: DescriptionPath,
     experiment: Annotated[
-        str, typer.Argument(help="exp1, exp1_x, exp1_z, exp1_xyz, exp2, exp2val, or a TOML")
+        str,
+        typer.Argument(
+            help="exp1, exp1_x, exp1_z, exp1_xyz, exp2, exp2val, or a TOML; with --controller also trapezoid"
+        ),
     ],
     output: RecordingOutput = Path("recording.nc"),
     seed: Seed = 1,
@@ -28,6 +31,12 @@ def simulate_command(
         typer.Option("--save-experiment", help="also write the experiment as a TOML"),
         Writes((".toml",)),
     ] = None,
+    controller: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON that `smsid control` wrote: by it wheels hold the attitude, joints follow the motion"
+        ),
+    ] = None,
     show_all: ShowAll = False,
 ) -> Outcome:
     """Fly an experiment in simulation and record it with the description's sensors."""
@@ -35,16 +44,32 @@ def simulate_command(
 
     from smsid.cli.tables import cut_tables, limits_table
     from smsid.description import load_description
-    from smsid.experiments import fly, momentum_condition, named_experiment, save_experiment
+    from smsid.experiments import Experiment, fly, momentum_condition, named_experiment, save_experiment
     from smsid.model import build_model
     from smsid.recording import save_recording
 
     if role not in ("estimation", "validation"):
         raise SmsidError(f"'{role}' is no role of a recording.", advice="Use estimation or validation.")
     model = build_model(load_description(description))
-    plan = named_experiment(experiment, model)
+    path = tracking = None
+    if controller is not None and experiment == "trapezoid":
+        from smsid.control.trajectory import design_motion
+
+        path = design_motion(model)
+        plan = Experiment(name=experiment, duration=path.duration)
+    else:
+        plan = named_experiment(experiment, model)
     with counting(f"simulating {plan.name}", plan.duration, "s") as tell:
-        flight = fly(model, plan, np.random.default_rng(seed), role=role, progress=tell)
+        how: dict[str, Any] = {"role": role, "progress": tell}
+        if controller is None:
+            flight = fly(model, plan, np.random.default_rng(seed), **how)
+        else:
+            from smsid.control.controller_file import load_controller
+            from smsid.control.recorded_flight import fly_controlled
+
+            saved, rng = load_controller(controller), np.random.default_rng(seed)
+            flown = fly_controlled(model, saved, plan, rng, path=path, **how)
+            flight, tracking = flown.flight, flown.tracking
     audit = flight.trajectory.audit()
     recording = flight.recording.with_provenance({"seed": seed})
     save_recording(recording, output)
@@ -66,6 +91,15 @@ def simulate_command(
         "limits": [{**asdict(use), "exceeded": use.exceeded} for use in flight.limits],
         "audit": asdict(audit),
     }
+    if tracking is not None:
+        say(f"largest errors: attitude {tracking.base:.2e} rad, joints {tracking.joints:.2e} rad")
+        document["errors"] = {"attitude": tracking.base, "joints": tracking.joints, "unit": "rad"}
+        document["saturated"] = tracking.saturated
+        for name in ("wheel_torque", "joint_torque"):
+            if getattr(plan, name) is not None:
+                warn(f"{name} of '{plan.name}' is left out: the controller drives what it would drive")
+        for name, count in tracking.saturated.items():
+            warn(f"{name} at its limit in {count} of {len(tracking.time) - 1} calls of the controller")
     if plan.force is None and len(model.arm_joints):
         times = np.arange(flight.trajectory.start, flight.trajectory.stop, 0.1)
         states = flight.trajectory.states(times)

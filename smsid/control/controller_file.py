@@ -5,19 +5,25 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from smsid._files import atomic_write
 from smsid._reading import SCHEMA_VERSION, reading_document
 from smsid._version import __version__
-from smsid.control.design import Design
+from smsid.control.design import Design, DesignRequest
 from smsid.control.gains import Gains
+from smsid.control.pd import ModelBasedController
+from smsid.control.reduced import ReducedDynamics
 from smsid.control.statespace import StateSpace
+from smsid.control.trajectory import Motion
 from smsid.errors import ControlError
+from smsid.model.spacecraft import SpacecraftModel
 
 
 def controller_document(made: Design) -> dict[str, Any]:
@@ -31,6 +37,7 @@ def controller_document(made: Design) -> dict[str, Any]:
         "description": made.description,
         "law": "Q_c = J_c^-T (H (qdd_d + K_D de + K_P e - u_inf) + c)",
         "coordinates": list(coordinates),
+        "rate": {"value": made.rate, "unit": "Hz"},
         "K_P": {"value": term.gains.proportional.tolist(), "unit": "1/s^2"},
         "K_D": {"value": term.gains.derivative.tolist(), "unit": "1/s"},
         "weights": {
@@ -97,9 +104,50 @@ def save_controller(made: Design, path: str | os.PathLike[str]) -> None:
     atomic_write(Path(path), json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
-def load_controller(path: str | os.PathLike[str]) -> tuple[Gains, StateSpace]:
-    """Return gains and H-infinity term of a saved design; raises `ControlError` naming what is wrong."""
+@dataclass(frozen=True)
+class SavedController:
+    """A design as it stands in its file, of the spacecraft ``description``, to be called at ``rate`` [Hz].
+
+    ``term`` is the H-infinity term from (e, de) (2 n,) to u_inf (n,); ``bodies`` holds the inertial
+    parameters (10,) of the controller's model by joint: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, SI, in the
+    joint's frame.
+    """
+
+    description: str
+    rate: float
+    gains: Gains
+    term: StateSpace
+    bodies: Mapping[str, np.ndarray]
+
+    def controller(self, model: SpacecraftModel, reference: Motion, period: float) -> ModelBasedController:
+        """Return the controller of a spacecraft along a reference, called every ``period`` [s].
+
+        Raises `ControlError` when it was made for another spacecraft.
+        """
+        dynamics = ReducedDynamics(model)
+        names = list(dynamics.pin.names)[1:]
+        if model.description.name != self.description or set(names) != set(self.bodies):
+            raise ControlError(
+                f"The controller was designed for '{self.description}' with {', '.join(self.bodies)}; "
+                f"'{model.description.name}' has {', '.join(names)}.",
+                advice="Design one for this description by `smsid control`.",
+            )
+        inertias = [
+            pin.Inertia.FromDynamicParameters(self.bodies[name]) if self.bodies[name][0] > 0.0 else described
+            for name, described in zip(names, list(dynamics.pin.inertias)[1:], strict=True)
+        ]
+        own = dynamics.with_inertias(inertias)
+        return ModelBasedController(own, self.gains, reference, robust=self.term, period=period)
+
+
+def load_controller(path: str | os.PathLike[str]) -> SavedController:
+    """Return a saved design; raises `ControlError` naming what is wrong.
+
+    Files of versions that did not write the rate were designed for 100 Hz unless they were told otherwise.
+    """
     with reading_document(path, "controller", "control", ControlError) as document:
         found = Gains(np.array(document["K_P"]["value"]), np.array(document["K_D"]["value"]))
         a, b, c, d = (np.array(document["u_inf"][k]) for k in "abcd")
-        return found, StateSpace(a, b, c, d)
+        rate = float(document["rate"]["value"]) if "rate" in document else DesignRequest().rate
+        bodies = {name: np.array(theta, dtype=float) for name, theta in document["model"]["bodies"].items()}
+        return SavedController(document["description"], rate, found, StateSpace(a, b, c, d), bodies)

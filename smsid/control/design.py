@@ -62,14 +62,16 @@ class DesignRequest:
 class Design:
     """A controller: ``dynamics`` its model, ``term`` gains and H-infinity term, and what was found out.
 
-    ``level`` is the uncertainty designed for, ``poles`` those of the loop with slosh and panel inside,
-    ``robustness`` and ``identified`` None where no estimate was given, ``tuning`` where gains were.
+    ``rate`` [Hz] of its calls and ``level``, the uncertainty, are what it is designed for, ``poles`` those of
+    the loop with slosh and panel inside, ``robustness`` and ``identified`` None where no estimate was given,
+    ``tuning`` where gains were.
     """
 
     description: str
     coordinates: tuple[str, ...]
     dynamics: ReducedDynamics
     term: RobustTerm
+    rate: float
     level: float
     poles: tuple[Pole, ...]
     identified: IdentifiedModel | None
@@ -147,7 +149,9 @@ def design(
             plant, inertia, k, term.controller, level=level, rng=rng, samples=request.samples
         )
     names = ("roll", "pitch", "yaw", *model.arm_joints.names)
-    return Design(description.name, names, dynamics, term, level, poles, identified, robustness, tuning)
+    return Design(
+        description.name, names, dynamics, term, request.rate, level, poles, identified, robustness, tuning
+    )
 
 
 def strength(model: SpacecraftModel, inertia: np.ndarray) -> np.ndarray:

@@ -47,8 +47,8 @@ class ModelBasedController:
     """Q_c = J_c^-T (H (qdd_d + K_D de + K_P e - u_inf) + c): equation (43), and (46) with u_inf where (47)
     needs it.
 
-    With ``robust`` the term's state lives here: one controller per run, `reset` between runs. ``period`` [s]
-    is that of its calls; without robust term it is not needed.
+    With ``robust``, a design or (e, de) to u_inf, the term's state lives here: one controller per run,
+    `reset` between runs. ``period`` [s] is that of its calls; without robust term it is not needed.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class ModelBasedController:
         gains: Gains,
         reference: Motion,
         *,
-        robust: RobustTerm | None = None,
+        robust: RobustTerm | StateSpace | None = None,
         period: float | None = None,
         coordinates: Coordinates = "quaternion",
     ) -> None:
@@ -72,11 +72,12 @@ class ModelBasedController:
         self.coordinates: Coordinates = coordinates
         self.filter: StateSpace | None = None
         if robust is not None:
-            if period is None or robust.gains.size != dynamics.size:
+            term = robust.controller if isinstance(robust, RobustTerm) else robust
+            if period is None or term.d.shape != (dynamics.size, 2 * dynamics.size):
                 raise ControlError(
                     "The robust term needs the period of the calls, and the spacecraft's size."
                 )
-            self.filter = robust.controller.sampled(period)
+            self.filter = term.sampled(period)
         self.reset()
 
     def reset(self) -> None:

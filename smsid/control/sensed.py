@@ -5,8 +5,9 @@ The errors are those of `smsid.sensing`; measured are q_b, q_m of (41), their ra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,7 @@ from smsid.errors import ControlError
 from smsid.kernel.flight import Senses
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing.error_model import ErrorModel
+from smsid.sensing.observe import NoiseStreams
 from smsid.sensing.sensor import Sensor
 
 NEEDED = ("attitude", "angular_rate", "joint_position", "joint_velocity")
@@ -52,7 +54,8 @@ class SensedState:
 
     Each sensor samples at its own rate, never faster than the controller asks; its delay is rounded up to
     whole calls of the controller. The first sensor that measures a quantity is used; wheel rates are
-    optional.
+    optional. With ``rng`` a `NoiseStreams`, the errors are those that `smsid.sensing.observe` records with
+    it, at the sensors' own rates.
     """
 
     def __init__(
@@ -61,7 +64,7 @@ class SensedState:
         sensors: Sequence[Sensor],
         duration: float,
         control_rate: float,
-        rng: np.random.Generator,
+        rng: np.random.Generator | NoiseStreams,
     ) -> None:
         """Draw the errors; raises `ControlError` when a quantity the controller needs is not measured."""
         self.model, self.period = model, 1.0 / control_rate
@@ -82,9 +85,14 @@ class SensedState:
                     advice="Add a sensor to the description: pose, imu and encoder.",
                     sensors=[s.name for s in sensors],
                 )
-            if owner is not None:
-                child = np.random.default_rng(rng.integers(2**63))
-                self.streams[quantity] = _stream(owner, quantity, size, duration, control_rate, child)
+            if owner is not None and isinstance(rng, NoiseStreams):
+                fresh = partial(rng.__getitem__, f"{owner.name}.{quantity}")
+                self.streams[quantity] = _stream(owner, quantity, size, duration, owner.rate, fresh)
+            elif owner is not None:
+                seed = int(np.random.default_rng(rng.integers(2**63)).integers(2**63))
+                fresh = partial(np.random.default_rng, seed)
+                rate = min(owner.rate, control_rate)
+                self.streams[quantity] = _stream(owner, quantity, size, duration, rate, fresh)
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> Measured:
         """Return what is reported at t [s]."""
@@ -141,8 +149,14 @@ class SensedState:
 
 
 def _stream(
-    sensor: Sensor, quantity: str, size: int, duration: float, control_rate: float, rng: np.random.Generator
+    sensor: Sensor,
+    quantity: str,
+    size: int,
+    duration: float,
+    rate: float,
+    fresh: Callable[[], np.random.Generator],
 ) -> _Stream:
+    """Return what a sensor does at ``rate`` [Hz]; ``fresh`` gives its generator, always the same draws."""
     error = sensor.error(quantity)
     if any(np.any(e.scale_slope) for e in (error, *error.components.values())):
         raise ControlError(
@@ -150,14 +164,12 @@ def _stream(
             advice="Leave its effect `scale_by_rate` out.",
             sensor=sensor.name,
         )
-    rate = min(sensor.rate, control_rate)
     times = np.arange(int(duration * rate + 1e-6) + 2) / rate
     nothing = {"delay": 0.0, "saturation": None, "quantisation": 0.0}
-    seed = int(rng.integers(2**63))
     if quantity == "attitude":
         still = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
         turns = _with(sensor, quantity, error.model_copy(update=nothing)).measure(
-            quantity, times, still, np.random.default_rng(seed), delayed=True
+            quantity, times, still, fresh(), delayed=True
         )
         return _Stream(
             rate,
@@ -168,16 +180,16 @@ def _stream(
             error.quantisation,
             sensor.rotation,
         )
-    fresh = ErrorModel()
-    additive = error.model_copy(update={**nothing, **{k: getattr(fresh, k) for k in LINEAR}})
+    perfect = ErrorModel()
+    additive = error.model_copy(update={**nothing, **{k: getattr(perfect, k) for k in LINEAR}})
     errors = _with(sensor, quantity, additive).measure(
-        quantity, times, np.zeros((len(times), size)), np.random.default_rng(seed), delayed=True
+        quantity, times, np.zeros((len(times), size)), fresh(), delayed=True
     )
     linear = None
     if error.misaligned or error.scaled:
         only = ErrorModel(**{k: getattr(error, k) for k in LINEAR})
         linear = _with(sensor, quantity, only).measure(
-            quantity, np.arange(size) / rate, np.eye(size), np.random.default_rng(seed), delayed=True
+            quantity, np.arange(size) / rate, np.eye(size), fresh(), delayed=True
         )
     return _Stream(rate, error.delay, errors, linear, error.saturation, error.quantisation)
 

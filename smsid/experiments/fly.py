@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,18 +72,32 @@ def fly(
     drives a slosh mass far out of the bus, or the description has no sensors.
     """
     sensors = model.description.effective_sensors()
-    if not sensors:
-        raise ExperimentError(
-            f"'{model.description.name}' has no sensors, so nothing would be recorded.",
-            advice="Add [[sensor]] tables to the description.",
-        )
-    _check_sensors(model)
+    check_sensors(model)
     check_plausible(model, experiment)
     inputs = experiment.inputs()
     # a clock that is ahead reports what happens after the end
     lead = max([0.0, *(-s.error(q).lag for s in sensors for q in s.quantities)])
     how: dict[str, Any] = {"q0": experiment.start(model), "tolerance": tolerance, "progress": progress}
     trajectory = simulate(model, inputs, experiment.duration + lead, **how)
+    return recorded(trajectory, experiment, rng, role=role, hold_attitude=inputs.hold_attitude)
+
+
+def recorded(
+    trajectory: Trajectory,
+    experiment: Experiment,
+    rng: np.random.Generator,
+    *,
+    role: str = "estimation",
+    hold_attitude: bool = False,
+    provenance: Mapping[str, Any] | None = None,
+) -> Flight:
+    """Return what the description's sensors record of an experiment's motion, and which limits it meets.
+
+    ``hold_attitude`` says that something held the bus; ``provenance`` is remembered beside the experiment.
+    Raises `ExperimentError` when a slosh mass is driven far out of the bus.
+    """
+    model = trajectory.model
+    sensors = model.description.effective_sensors()
     truth = truth_of(trajectory, sensors)
     available = truth(np.array([trajectory.start]))
     exact = [name for name in available if name.startswith(("command.", "truth"))]
@@ -106,6 +120,7 @@ def fly(
             "python": platform.python_version(),
             "description": model.description.name,
             "experiment": experiment.model_dump(mode="json", by_alias=True, exclude_none=True),
+            **(provenance or {}),
         },
     )
     times = np.linspace(
@@ -115,10 +130,16 @@ def fly(
     for use in _strokes(model, states):
         if use.limit is not None:
             check_stroke(use.quantity, use.value, use.limit)
-    return Flight(trajectory, recording, limit_use(model, states, inputs.hold_attitude))
+    return Flight(trajectory, recording, limit_use(model, states, hold_attitude))
 
 
-def _check_sensors(model: SpacecraftModel) -> None:
+def check_sensors(model: SpacecraftModel) -> None:
+    """Raise `ExperimentError` for a description without sensors, or with one that has nothing to measure."""
+    if not model.description.sensor:
+        raise ExperimentError(
+            f"'{model.description.name}' has no sensors, so nothing would be recorded.",
+            advice="Add [[sensor]] tables to the description.",
+        )
     empty = {"encoder": ("arm joint", model.arm_joints), "tachometer": ("wheel", model.wheels)}
     for sensor in model.description.sensor:
         what, group = empty.get(sensor.kind, ("", (None,)))

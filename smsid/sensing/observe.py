@@ -74,7 +74,7 @@ def observe(
         rate = max(s.rate for s in sensors)
     shared = sample_times(start, stop, rate)
     last = stop if known_until is None else known_until
-    streams = _Streams(rng)
+    streams = NoiseStreams(rng)
     evaluated: dict[tuple[float, float], Mapping[str, FloatArray]] = {}
 
     def true_values(channel: str, sampling: float, times: FloatArray, delay: float) -> FloatArray:
@@ -122,7 +122,7 @@ def add_noise(recording: Recording, sensors: Sequence[Sensor], rng: np.random.Ge
         DescriptionError: an error model that does not fit its quantity.
     """
     _unique(sensors)
-    streams = _Streams(rng)
+    streams = NoiseStreams(rng)
     names = {s.name for s in sensors}
     measured: dict[str, Any] = {}
     for sensor in sensors:
@@ -167,20 +167,22 @@ def sample_times(start: float, stop: float, rate: float) -> FloatArray:
     return start + np.arange(int(np.floor((stop - start) * rate + 1e-6)) + 1) / rate
 
 
-class _Streams:
+class NoiseStreams:
     """One generator per channel, from one child of ``rng`` and the channel's name."""
 
     def __init__(self, rng: np.random.Generator) -> None:
+        """Spawn the child; ``rng`` needs a seed sequence."""
         root: Any = rng.spawn(1)[0].bit_generator.seed_seq
         self.entropy: Any = root.entropy
         self.key: tuple[int, ...] = tuple(root.spawn_key)
 
     def __getitem__(self, channel: str) -> np.random.Generator:
+        """Return a channel's generator, at its beginning."""
         key = (*self.key, zlib.crc32(channel.encode()))
         return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=key))
 
 
-def _note(sensors: Sequence[Sensor], streams: _Streams) -> dict[str, Any]:
+def _note(sensors: Sequence[Sensor], streams: NoiseStreams) -> dict[str, Any]:
     return {
         "sensors": [s.model_dump(mode="json", exclude_defaults=True) for s in sensors],
         # A string: an entropy of 128 bits does not fit the integers of every file format.

@@ -58,8 +58,10 @@ def test_the_command_puts_the_estimate_into_the_controller(tmp_path):
     assert document["gamma"] <= 1.0 + 1e-6 and document["coordinates"][3:] == ["joint1", "joint2", "joint3"]
     assert 1e-4 < document["weights"]["uncertainty"]["value"] < 1e-2
     assert document["robustness"]["unstable"] == 0 and document["robustness"]["mu_upper"] < 1.0
-    gains, term = load_controller(output)
-    loop = rigid_loop(gains.proportional, gains.derivative, term)
+    saved = load_controller(output)
+    assert saved.rate == 10.0
+    gains = saved.gains
+    loop = rigid_loop(gains.proportional, gains.derivative, saved.term)
     assert loop.stable and hinf_norm(loop)[0] < np.inf
     frequency = np.sqrt(np.diag(gains.proportional))
     bands = [(m["low"] / 1.25, m["high"] * 1.25) for m in document["natural_frequencies"]]
@@ -74,7 +76,7 @@ def test_a_stated_uncertainty_needs_no_estimate(tmp_path):
     document = json.loads(output.read_text())
     assert document["weights"]["uncertainty"]["value"] == 0.05 and "robustness" not in document
     assert document["model"]["identified"] == []
-    gains, _ = load_controller(output)
+    gains = load_controller(output).gains
     np.testing.assert_allclose(np.diag(gains.derivative), 2.0)
 
 
