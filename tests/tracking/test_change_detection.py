@@ -130,6 +130,42 @@ def test_what_passes_at_once_is_no_change(description):
     assert not watched(description, steady.with_channels({"gyro.angular_rate": rates})).changes
 
 
+def test_a_single_reading_far_off_is_no_change(description):
+    steady = flight(62.0, seed=5)
+    rates = steady["gyro.angular_rate"].copy()
+    rates[np.searchsorted(steady.time(), AT), 1] += 1e-3  # a hundred standard deviations
+    assert not watched(description, steady.with_channels({"gyro.angular_rate": rates})).changes
+
+
+def test_signatures_are_what_a_jump_does_to_the_innovations(description):
+    """Against a second filter with a shifted parameter: squares of what that changes are the information."""
+    steady, begun = flight(60.0, seed=5), 45.0  # [s], after what is filtered once more
+    changed, told = [], []
+    for shift in (0.0, 1.0):  # standard deviations
+        detector = watched(description, steady, until=begun)
+        f = detector.tracker.filter
+        which = detector.tracker.names.index("gyro.angular_rate.bias.y")
+        detector._starts, detector._next = [], np.inf
+        detector._begin(f.time)
+        f.values[which] += shift * f.sigmas()[which]
+        seen = []
+        before = detector.tracker.listener
+
+        def hear(update, seen=seen, before=before):
+            before(update)
+            if update.record is not None:
+                seen.append(update.record.innovations[-1])
+
+        detector.tracker.listener = hear
+        scale = shift * f.sigmas()[which] / f.scales[which]
+        kept, detector._judge = detector._starts[0], lambda *_: None
+        detector.tracker.update_all(s for s in samples_of(steady) if s.time >= begun)
+        changed.append(np.concatenate(seen))
+        told.append(kept.information[which, which])
+    directly = float(np.sum((changed[1] - changed[0]) ** 2)) / scale**2
+    assert told[0] == pytest.approx(directly, rel=1e-4)
+
+
 def test_false_alarms_are_no_more_than_asked_for(description):
     """At sixty an hour, one a minute: at most three in 60 s but once in fifty; at the usual rate none."""
     steady = flight(60.0, seed=11)
