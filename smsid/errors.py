@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 
 class SmsidError(Exception):
@@ -19,6 +19,11 @@ class SmsidError(Exception):
 
     def __str__(self) -> str:
         return f"{self.message} {self.advice}".strip()
+
+    def at(self, where: object, *, more_advice: str = "") -> Self:
+        """Return the same error with the place it is about in front: a file, a table of a TOML."""
+        advice = f"{self.advice} {more_advice}".strip()
+        return type(self)(f"{where}: {self.message}", advice=advice, **self.evidence)
 
 
 class DescriptionError(SmsidError):

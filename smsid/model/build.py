@@ -180,8 +180,7 @@ def _placed(table: str, name: str) -> Iterator[None]:
     try:
         yield
     except DescriptionError as error:
-        message = f"[[{table}]] '{name}': {error.message}"
-        raise DescriptionError(message, advice=error.advice, **error.evidence) from error
+        raise error.at(f"[[{table}]] '{name}'") from error
 
 
 def _add_wheel(assembly: Assembly, wheel: Wheel) -> int:

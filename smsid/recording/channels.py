@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
+from smsid._listing import did_you_mean
 from smsid.errors import RecordingError
 
 Frame = Literal[
@@ -165,11 +165,10 @@ def quantity_of(channel: str, *, unit: str | None = None) -> Quantity:
             )
         return Quantity(name, unit, "unspecified", ())
     if name not in QUANTITIES:
-        close = difflib.get_close_matches(name, QUANTITIES, n=1)
-        hint = f"Did you mean '{source}.{close[0]}'? " if close else ""
+        meant = did_you_mean(channel, [f"{source}.{known}" for known in QUANTITIES])
         raise RecordingError(
-            f"Channel '{channel}': unknown quantity '{name}'.",
-            advice=f"{hint}Known quantities: {', '.join(QUANTITIES)}. "
+            f"Channel '{channel}': unknown quantity '{name}'.{meant}",
+            advice=f"Known quantities: {', '.join(QUANTITIES)}. "
             f"Anything else goes to '{EXTRA}.{name}' with a unit of its own.",
             channel=channel,
             known=tuple(QUANTITIES),

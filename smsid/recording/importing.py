@@ -19,7 +19,7 @@ from smsid.errors import RecordingError
 from smsid.recording._attitude import conjugate, rotate, slerp
 from smsid.recording._clock import check_order
 from smsid.recording._units import convert
-from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity, quantity_of
+from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity
 from smsid.recording.mapping import (
     ChannelTable,
     ClockTable,
@@ -81,11 +81,8 @@ def import_recording(
         try:
             recording.check()
         except RecordingError as error:
-            raise RecordingError(
-                f"{file}: {error.message}",
-                advice=f"{error.advice} To bring it in as it is: `--unchecked`, in Python `check=False`.",
-                **error.evidence,
-            ) from error
+            more = "To bring it in as it is: `--unchecked`, in Python `check=False`."
+            raise error.at(file, more_advice=more) from error
     return recording
 
 
@@ -157,9 +154,7 @@ class _Import:
                 name=self.rules.recording.name,
             )
         except RecordingError as error:
-            raise RecordingError(
-                f"{self.file}: {error.message}", advice=error.advice, **error.evidence
-            ) from error
+            raise error.at(self.file) from error
 
     def _fault(self, channel: str, text: str, advice: str, **evidence: Any) -> RecordingError:
         """Return the error of a channel that cannot be taken from the file."""
@@ -201,7 +196,7 @@ class _Import:
         """
         found: dict[str, dict[str, None]] = {"sliding": {}, "turning": {}}
         for name, table in self.rules.channel.items():
-            quantity = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None)
+            quantity = table.quantity(name)
             if quantity.is_quaternion or not table.labels or quantity.unit not in SLIDING:
                 continue
             units = table.units * (len(table.labels) if len(table.units) == 1 else 1)
@@ -252,7 +247,7 @@ class _Import:
         return rows
 
     def _channel(self, name: str, table: ChannelTable) -> FloatArray:
-        quantity = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None)
+        quantity = table.quantity(name)
         values = self._gathered(name, table, quantity)
         if quantity.is_quaternion:
             values = np.roll(values, -1, axis=1) if table.quaternion == "wxyz" else values
@@ -446,8 +441,7 @@ class _Import:
         for name, table in present.items():
             if table.labels is None:
                 continue
-            dims = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None).dims
-            named = [dim for choice in dims for dim in choice if dim in LABELLED_DIMS]
+            named = [d for choice in table.quantity(name).dims for d in choice if d in LABELLED_DIMS]
             if not named:
                 raise RecordingError(
                     f"Channel '{name}' has nothing to label.",

@@ -109,6 +109,10 @@ class ChannelTable(_Table):
         """The unit of all columns; ``None`` when none is stated, or several."""
         return self.unit if isinstance(self.unit, str) else None
 
+    def quantity(self, name: str) -> Quantity:
+        """Return what it is as the channel ``name``; raises `RecordingError` as `quantity_of`."""
+        return quantity_of(name, unit=self.one_unit if name.startswith(f"{EXTRA}.") else None)
+
 
 class ImportMapping(_Table):
     """A whole mapping file."""
@@ -174,12 +178,10 @@ def check_mapping(mapping: ImportMapping, where: str) -> None:
     for name, table in mapping.channel.items():
         place = f"{where}, channel '{name}'"
         try:
-            quantity = quantity_of(name, unit=table.one_unit if name.startswith(f"{EXTRA}.") else None)
+            quantity = table.quantity(name)
         except RecordingError as error:
-            quoted = "" if "." in name else f' In TOML: [channel."{name}.<quantity>"], with the quotes.'
-            raise RecordingError(
-                f"{where}: {error.message}", advice=f"{error.advice}{quoted}", **error.evidence
-            ) from error
+            quoted = "" if "." in name else f'In TOML: [channel."{name}.<quantity>"], with the quotes.'
+            raise error.at(where, more_advice=quoted) from error
         wrong = _contradiction(table, quantity)
         if wrong:
             raise RecordingError(f"{place}: {wrong[0]}.", advice=wrong[1], channel=name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from smsid._listing import did_you_mean
 from smsid._short_repr import Told
 from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
@@ -204,13 +204,11 @@ class Recording(Told):
         missing = [name for name in names if name not in self]
         if not missing:
             return
-        close = {name: difflib.get_close_matches(name, self.channels, n=1) for name in missing}
-        hints = [f"'{match[0]}' for '{name}'" for name, match in close.items() if match]
-        hint = f" Did you mean {', '.join(hints)}?" if hints else ""
+        hints = "".join(dict.fromkeys(did_you_mean(name, self.channels) for name in missing))
         raise RecordingError(
             f"The recording{f' {self.name!r}' if self.name else ''} has no {', '.join(missing)}; "
             f"it has {', '.join(self.channels)}.",
-            advice=f"Record or import what is missing.{hint}",
+            advice=f"Record or import what is missing.{hints}",
             missing=tuple(missing),
             present=self.channels,
         )

@@ -109,7 +109,7 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         _check_conventions(stored)
         return Recording(of_stored(stored, attributes))
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error.message}", advice=error.advice, path=str(path)) from error
+        raise error.at(path) from error
 
 
 def _read_stored(path: str | os.PathLike[str]) -> tuple[Stored, dict[str, Any]]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from smsid._listing import did_you_mean
 from smsid.errors import RecordingError
 from smsid.sensing._signals import FloatArray, resample
 from smsid.sensing.filters import uniform_rate
@@ -202,11 +202,9 @@ def _unique(sensors: Sequence[Sensor]) -> None:
 
 def _lookup(values: Mapping[str, FloatArray], channel: str) -> FloatArray:
     if channel not in values:
-        closest = difflib.get_close_matches(channel, list(values), n=3, cutoff=0.4)
         raise RecordingError(
-            f"The truth has no '{channel}'.",
-            advice="Restrict the sensor with quantities, or supply it."
-            + (f" Closest: {', '.join(closest)}." if closest else ""),
+            f"The truth has no '{channel}'.{did_you_mean(channel, values)}",
+            advice="Restrict the sensor with quantities, or supply it.",
             channel=channel,
             available=sorted(values),
         )

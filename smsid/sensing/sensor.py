@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import difflib
 import tomllib
 from collections.abc import Mapping
 from functools import cache, partial
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from smsid._listing import did_you_mean
 from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing._signals import FloatArray, compose
 from smsid.sensing.error_model import COARSEST_ATTITUDE, ErrorModel, Magnitude, Positive, Triple
@@ -251,7 +251,7 @@ def preset(name: str, kind: str | None = None) -> dict[str, Any]:
         kind: kind of the sensor; needed for a preset that covers several (``reference``).
 
     Raises:
-        DescriptionError: no such preset (evidence: the closest names), or ``kind`` is missing or wrong.
+        DescriptionError: no such preset, or ``kind`` is missing or wrong.
     """
     entry = dict(_entry(name, kind))
     del entry["name"], entry["source"]
@@ -262,12 +262,10 @@ def _entry(name: str, kind: str | None) -> dict[str, Any]:
     table = _table()
     kinds = [of for known, of in table if known == name]
     if not kinds:
-        closest = difflib.get_close_matches(name, preset_names(), n=3, cutoff=0.4)
         raise DescriptionError(
-            f"There is no sensor preset '{name}'.",
-            advice=f"Closest: {', '.join(closest)}." if closest else f"Known: {', '.join(preset_names())}.",
+            f"There is no sensor preset '{name}'.{did_you_mean(name, preset_names())}",
+            advice=f"Known: {', '.join(preset_names())}.",
             name=name,
-            closest=closest,
             known=preset_names(),
         )
     if kind is None and len(kinds) == 1:
