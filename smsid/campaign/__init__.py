@@ -6,7 +6,6 @@ from smsid.campaign.plan import Campaign, load_campaign
 from smsid.campaign.run import campaign_main, run_campaign, run_once
 from smsid.campaign.store import CampaignStore, read_store
 from smsid.campaign.summary import save_summary, summarise
-from smsid.campaign.table import summary_tables
 
 __all__ = [
     "Campaign",
@@ -24,5 +23,4 @@ __all__ = [
     "run_once",
     "save_summary",
     "summarise",
-    "summary_tables",
 ]

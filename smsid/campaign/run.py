@@ -15,9 +15,6 @@ from pathlib import Path
 from typing import cast, get_args
 
 import joblib
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
 from threadpoolctl import threadpool_limits
 
 from smsid.campaign.backends import Backend, completed_runs, on_dask, on_processes
@@ -152,13 +149,13 @@ def campaign_main(
     retry_failed: bool = False,
     runs: int | None = None,
     level: float = 0.01,
-    console: Console | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Summary:
     """Run a campaign into the store ``output``, or go on with it; write and return the summary.
 
     The summary goes beside the store, ``campaign.summary.json`` for ``campaign.jsonl``. ``runs`` overrides
-    the plan's number; ``level`` is the family-wise level of the bands; progress is shown on ``console`` if
-    given. ``dask_address`` implies the backend dask. The rest as `run_campaign`.
+    the plan's number; ``level`` is the family-wise level of the bands. ``dask_address`` implies the backend
+    dask. The rest as `run_campaign`.
 
     Raises `ExperimentError` or `DescriptionError` for a plan that cannot be run, `SmsidError` for a store
     that cannot be used, `MissingDependencyError` without dask where it is asked for.
@@ -169,24 +166,7 @@ def campaign_main(
     if runs is not None:
         campaign = campaign.with_runs(runs)
     prepared = prepare(campaign)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[failures]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with (
-        CampaignStore(output, prepared) as store,
-        Bar(*columns, console=console, transient=True, disable=console is None) as bar,
-    ):
-        task = bar.add_task(campaign.name, total=campaign.runs, failures="")
-
-        def show(state: Progress) -> None:
-            failures = f"{state.failed} failed" if state.failed else ""
-            bar.update(task, completed=state.done, failures=failures)
-
+    with CampaignStore(output, prepared) as store:
         run_campaign(
             prepared,
             store,
@@ -194,7 +174,7 @@ def campaign_main(
             workers=workers,
             dask_address=dask_address,
             retry_failed=retry_failed,
-            progress=show,
+            progress=progress,
         )
     summary = summarise(read_store(output)[1], level=level)
     save_summary(summary, summary_path(output))

@@ -173,7 +173,8 @@ def main() -> None:
             traceback.print_exc()
             _tell_json(error, 70)
             sys.exit(70)
-        text = error.format_message()  # click's usage errors  # type: ignore[attr-defined]
+        # click's usage errors; those of a choice quote pydantic
+        text = error.format_message().replace("Value error, ", "")  # type: ignore[attr-defined]
         if type(error).__name__ == "NoArgsIsHelpError":
             print(text, file=sys.stderr)
         else:

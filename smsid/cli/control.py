@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -51,7 +51,7 @@ def control_command(
     seed: Annotated[int, typer.Option(min=0, help="of what is drawn")] = 0,
     output: Annotated[Output, Writes((".json",), kind="controller")] = Path("controller.json"),
     study: Annotated[
-        str | None, typer.Option(help="table4: fly the paper's cases instead of designing")
+        Literal["table4"] | None, typer.Option(help="fly the paper's cases instead of designing")
     ] = None,
     draws: Annotated[int, typer.Option(help="flights per case of the study")] = 5,
     integrated_gyro: Annotated[
@@ -69,8 +69,6 @@ def control_command(
 
     from smsid.description import load_description
 
-    if study is not None and study != "table4":
-        raise ControlError(f"There is no study '{study}'.", advice="Use --study table4.")
     described = load_description(description)
     found, files = read_estimate(estimate), [description, estimate]
     if study is not None:

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -43,10 +43,12 @@ def design_command(
     ] = None,
     output: Annotated[Output, Writes((".toml",), kind="experiment")] = Path("experiment.toml"),
     mode: Annotated[
-        str, typer.Option(help="thrust (attitude held), motion (arm and wheels, free floating), or auto")
+        Literal["auto", "thrust", "motion"],
+        typer.Option(help="thrust: attitude held; motion: arm and wheels, free floating"),
     ] = "auto",
     criterion: Annotated[
-        str, typer.Option(help="worst relative standard deviation; A: their mean square; D: the volume")
+        Literal["worst", "A", "D"],
+        typer.Option(help="worst relative standard deviation; A: their mean square; D: the volume"),
     ] = "worst",
     to: Annotated[
         str | None, typer.Option(help="precision the worst parameter is to reach (10%), in the shortest time")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -21,10 +21,13 @@ if TYPE_CHECKING:
 
     from smsid.description import Description
     from smsid.estimation.flight import FlightOptions
-    from smsid.estimation.identify import Identified, Method
+    from smsid.estimation.identify import Identified
     from smsid.estimation.identify_flights import FlightEstimate
     from smsid.recording import Recording
     from smsid.report import Provenance, Report
+
+Method = Literal["ml", "filter", "paper"]
+Drive = Literal["auto", "command", "measured"]
 
 
 def identify_command(
@@ -38,7 +41,7 @@ def identify_command(
     ] = None,
     output: EstimateOutput = Path("estimate.json"),
     method: Annotated[
-        str,
+        Method,
         typer.Option(
             help="ml: maximum likelihood, started from the paper's method where the recordings are its two "
             "experiments, else by a filter; filter: that in any case; paper: the linear method alone"
@@ -54,7 +57,7 @@ def identify_command(
         ),
     ] = None,
     drive: Annotated[
-        str,
+        Drive,
         typer.Option(
             help="by a filter: joints and wheels follow their `measured` motion, or the torque of their "
             "`command`; auto: the motion, unless a listed effect has to do with the motor's torque"
@@ -124,7 +127,7 @@ def identify_command(
         ),
     ] = False,
     modal: Annotated[
-        str | None,
+        Literal["smoother", "printed"] | None,
         typer.Option(
             help="--method paper: bending in Exp. 2 by a Kalman smoother (smoother, the default) or by "
             "integrating the accelerometers as the paper prints it, (31)-(32) (printed)"
@@ -156,7 +159,6 @@ def identify_command(
     from smsid.identify.estimate import save_estimate
     from smsid.identify.paper.pose_point import with_tracked_point
 
-    _method(method)
     files = [description, *(recordings or [])] if robot else list(recordings or [])
     if not files:
         raise SmsidError("No recording was given.", advice="Name one or more after the description.")
@@ -171,8 +173,6 @@ def identify_command(
         "--friction": friction, "--level": level, "--passive": passive,
     }  # fmt: skip
     _check_fitting([option for option, value in given.items() if value], described.root, method)
-    if modal not in (None, "smoother", "printed"):
-        raise SmsidError(f"There is no modal estimator '{modal}'.", advice="Use smoother or printed.")
     if tracked_point is not None:
         described = with_tracked_point(described, _point(tracked_point))
     method = "filter" if states is not None else method  # what was hidden is estimated by it
@@ -192,8 +192,8 @@ def identify_command(
         if modal is not None or find_tracked_point:
             found = _by_the_paper(described, loaded, modal == "printed", find_tracked_point)
         else:
-            how: dict[str, Any] = {"method": _method(method), "cad": cad, "tell": tell}
-            found = identify_spacecraft(described, loaded, options=_flight(drive, at_rest, start), **how)
+            flight = _flight(drive, at_rest, start)
+            found = identify_spacecraft(described, loaded, method=method, cad=cad, options=flight, tell=tell)
     estimate, linear = found.estimate, found.linear
     seconds = estimate.timing["total"] + (linear.estimate.timing["total"] if found.refined and linear else 0)
     save_estimate(estimate, output)
@@ -249,20 +249,8 @@ def _check_fitting(options: list[str], root: str, method: str) -> None:
             raise SmsidError(f"{option} is for {what}.", advice=advice)
 
 
-def _method(name: str) -> Method:
-    """Return a method by its name; raises `SmsidError` for one there is not."""
-    for known in ("ml", "filter", "paper"):
-        if name == known:
-            return known
-    raise SmsidError(f"There is no method '{name}'.", advice="Use --method ml, filter or paper.")
-
-
-def _flight(drive: str, at_rest: bool, start: str | None = None) -> FlightOptions | None:
+def _flight(drive: Drive, at_rest: bool, start: str | None) -> FlightOptions | None:
     """Return how a filter takes recordings, ``None`` for the defaults."""
-    if drive not in ("auto", "command", "measured"):
-        raise SmsidError(
-            f"Nothing is driven by '{drive}'.", advice="Use --drive auto, command or measured.", drive=drive
-        )
     if drive == "auto" and not at_rest and start is None:
         return None
     from smsid.estimation.flight import FlightOptions  # the filter takes time to load

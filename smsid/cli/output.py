@@ -127,14 +127,21 @@ def working(label: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def counting(label: str, total: float, unit: str = "") -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal's stderr; yields a function that takes how much of ``total`` is done."""
+def counting(label: str, total: float = 0.0, unit: str = "") -> Iterator[Callable[..., None]]:
+    """Show a bar on a terminal's stderr; yields a function that takes how much of ``total`` is done.
+
+    It also takes another ``total``, and a ``note`` behind the label.
+    """
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
     amount = TextColumn("{task.completed:.0f}/{task.total:.0f} " + unit)
     with _bar(TextColumn("{task.description}"), BarColumn(), amount, TimeRemainingColumn()) as bar:
         task = bar.add_task(label, total=total)
-        yield lambda done: bar.update(task, completed=done)
+
+        def tell(done: float, total: float | None = None, note: str = "") -> None:
+            bar.update(task, completed=done, total=total, description=f"{label}{note}")
+
+        yield tell
 
 
 def _bar(*columns: object) -> Progress:

@@ -16,7 +16,7 @@ import typer
 
 from smsid._files import check_target, is_same_file, is_signed
 from smsid._temporary import remove_orphans
-from smsid.cli.file_kind import kind_of
+from smsid.cli.file_kind import LOGS, kind_of
 from smsid.errors import OutputError, SmsidError
 
 LARGEST_TOML = 4_000_000  # bytes: of a larger one the files it names are not looked up
@@ -218,13 +218,7 @@ KINDS = {
     ".xml": "an MJCF",
     ".json": "a JSON (estimate, diagnosis or controller)",
     ".jsonl": "the store of a campaign",
-    ".csv": LOG,
-    ".npz": LOG,
-    ".mat": LOG,
-    ".bag": LOG,
-    ".mcap": LOG,
-    ".ulg": LOG,
-    ".parquet": LOG,
+    **dict.fromkeys(LOGS, LOG),
 }
 """What a file is by its suffix."""
 

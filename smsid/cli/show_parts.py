@@ -117,7 +117,7 @@ def campaign_parts(found: tuple[StoreHeader, Summary], *, everything: bool) -> I
 
 def summary_parts(found: Summary, *, everything: bool) -> Iterator[Any]:
     """Yield a campaign's summary."""
-    from smsid.campaign.table import summary_tables
+    from smsid.cli.campaign import summary_tables
 
     yield from cut_tables(summary_tables(found), everything)
 

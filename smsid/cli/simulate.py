@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -12,7 +12,6 @@ from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath, RecordingOutput, Seed, ShowAll
 from smsid.cli.output import counting, print_parts, say, warn
 from smsid.cli.places import Writes
-from smsid.errors import SmsidError
 
 
 def simulate_command(
@@ -25,7 +24,9 @@ def simulate_command(
     ],
     output: RecordingOutput = Path("recording.nc"),
     seed: Seed = 1,
-    role: Annotated[str, typer.Option(help="estimation or validation")] = "estimation",
+    role: Annotated[
+        Literal["estimation", "validation"], typer.Option(help="what the recording may be used for")
+    ] = "estimation",
     save_experiment_to: Annotated[
         Path | None,
         typer.Option("--save-experiment", help="also write the experiment as a TOML"),
@@ -48,8 +49,6 @@ def simulate_command(
     from smsid.model import build_model
     from smsid.recording import save_recording
 
-    if role not in ("estimation", "validation"):
-        raise SmsidError(f"'{role}' is no role of a recording.", advice="Use estimation or validation.")
     model = build_model(load_description(description))
     path = tracking = None
     if controller is not None and experiment == "trapezoid":

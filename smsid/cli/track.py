@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -48,7 +48,7 @@ def track_command(
     recordings: Annotated[list[Path], typer.Argument(help="recordings, in the order they were made")],
     output: Annotated[Output, Writes((".nc",), kind="track")] = Path("track.nc"),
     method: Annotated[
-        str,
+        Literal["filter", "momentum"],
         typer.Option(
             help="filter: an extended Kalman filter of all the description lists; momentum: recursive total "
             "least squares of the conserved momentum (the paper's Step B), from rest without thrust"
@@ -124,8 +124,6 @@ def track_command(
 
         with working("following"):
             history, _ = track_momentum(described, loaded, estimate=known, cad=cad, memory=memory, gap=gap)
-    elif method != "filter":
-        raise SmsidError(f"There is no method '{method}'.", advice="Use --method filter or momentum.")
     elif memory is not None:
         raise SmsidError(
             "--memory is for --method momentum.", advice="A filter forgets by --follow PARAM=RATE."

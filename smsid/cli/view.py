@@ -45,7 +45,7 @@ def view_command(
         typer.Option("--simulated", help="also what the description makes of the first recording's commands"),
     ] = False,
     layout: Annotated[
-        str, typer.Option(help="of more than one motion: ghost (over each other) or beside")
+        Literal["ghost", "beside"], typer.Option(help="of more than one motion; ghost: over each other")
     ] = "ghost",
     bending: Annotated[
         float, typer.Option(help="deflections drawn this many times larger; the page has a slider")
@@ -71,8 +71,6 @@ def view_command(
     from smsid.description import load_description
     from smsid.view import Look, played, show, write_view
 
-    if layout != "ghost" and layout != "beside":
-        raise SmsidError(f"There is no layout '{layout}'.", advice="Use --layout ghost or --layout beside.")
     sky: Literal["space", "auto"] = "space" if dark else "auto"
     look = Look(slosh_factor=slosh, panel_factor=bending, background=sky, arrows=arrows, trail=trail)
     if simulated and not recordings:

@@ -12,8 +12,9 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from smsid.campaign import Findings, Outcome, RunError, RunRecord, save_summary, summarise, summary_tables
+from smsid.campaign import Findings, Outcome, RunError, RunRecord, save_summary, summarise
 from smsid.campaign.summary import coverage_band, ratio_band
+from smsid.cli.campaign import summary_tables
 
 RUNS = 400
 

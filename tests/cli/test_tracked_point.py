@@ -70,7 +70,7 @@ def test_the_printed_modal_estimator_is_there(flight: Path, tmp_path: Path):
     [
         (("--tracked-point", "1,2"), "no point"),
         (("--tracked-point", "1,2,nan"), "not finite"),
-        (("--method", "paper", "--modal", "x"), "no modal estimator 'x'"),
+        (("--method", "paper", "--modal", "x"), "'x' is not one of 'smoother', 'printed'"),
         (("--find-tracked-point",), "--find-tracked-point is for the paper's method"),
         (("--modal", "printed"), "--modal is for the paper's method"),
     ],

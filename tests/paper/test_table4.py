@@ -125,7 +125,6 @@ def invoke(*arguments: str):
         (("--uncertainty", "0.05", "--gains", "4"), "no pair of gains"),
         (("--uncertainty", "0.05", "--gains", "4,-4"), "K_D is not positive definite"),
         (("--tune", "--uncertainty", "0.05"), "no estimate is given"),
-        (("--study", "table5"), "no study 'table5'"),
         (("--study", "table4", "--draws", "0"), "0 draws"),
     ],
 )
