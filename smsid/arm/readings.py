@@ -13,7 +13,7 @@ from smsid.arm.units import slides
 from smsid.effects.gear import gear_matrix, gears_of
 from smsid.effects.joint_bias import encoder_zeros
 from smsid.errors import RecordingError
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.spacecraft import JointGroup, JointLimits, SpacecraftModel
 from smsid.recording import Recording
 from smsid.recording.checks.sample_faults import outliers
 
@@ -219,19 +219,20 @@ def whole_turns(values: np.ndarray) -> np.ndarray:
     return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(jumps, axis=0)])
 
 
+def _limits(model: SpacecraftModel, names: tuple[str, ...]) -> JointLimits:
+    return JointLimits.of(model.pin, JointGroup.of(model.pin, [model.pin.getJointId(name) for name in names]))
+
+
 def _unwrapped(
     model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str, *, at_motor: bool
 ) -> tuple[np.ndarray, dict[str, int]]:
-    turns = whole_turns(values)
+    turns, limits = whole_turns(values), _limits(model, names)
     jumped = {}
     for k, name in enumerate(names):
         count = int(np.count_nonzero(np.diff(turns[:, k])))
-        joint = int(model.pin.getJointId(name))
         if not count or (slides(model, name) and not at_motor):
             continue
-        place = model.pin.joints[joint].idx_q
-        free = model.pin.joints[joint].nq == 2
-        span = np.inf if free else model.pin.upperPositionLimit[place] - model.pin.lowerPositionLimit[place]
+        span = limits.upper[k] - limits.lower[k]
         if not at_motor and not span >= TURN:
             first = int(np.flatnonzero(np.diff(turns[:, k]))[0]) + 1
             raise RecordingError(
@@ -250,14 +251,11 @@ def _unwrapped(
 
 def _require_limits(model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str) -> None:
     """Refuse angles that no joint of these limits can have: they are in another unit."""
+    limits = _limits(model, names)
     for k, name in enumerate(names):
-        joint = int(model.pin.getJointId(name))
-        own = model.pin.joints[joint]
-        if own.nq == 2:
-            continue
-        low, high = model.pin.lowerPositionLimit[own.idx_q], model.pin.upperPositionLimit[own.idx_q]
+        low, high = float(limits.lower[k]), float(limits.upper[k])
         least, most = float(values[:, k].min()), float(values[:, k].max())
-        if not (np.isfinite(high - low) and high > low and most - least > BEYOND * (high - low)):
+        if not most - least > BEYOND * (high - low):
             continue
         unit, other = ("m", "mm") if slides(model, name) else ("rad", "degrees, or before its gear")
         raise RecordingError(
@@ -266,5 +264,5 @@ def _require_limits(model: SpacecraftModel, names: tuple[str, ...], values: np.n
             advice="State the unit of this column in the mapping, or mend the joint's limits in the URDF.",
             joint=name,
             span=most - least,
-            limits=(float(low), float(high)),
+            limits=(low, high),
         )

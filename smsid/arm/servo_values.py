@@ -113,8 +113,8 @@ def torque_limits(
         sign = np.sign(torques.torque[beyond, k])
         columns = np.column_stack([np.ones(sign.size), sign * rates[beyond, k]])
         given = stiffness * sign * own[beyond]
-        (limit, _), *_ = np.linalg.lstsq(columns, given, rcond=None)
-        spread = float(np.std(given - columns @ np.linalg.lstsq(columns, given, rcond=None)[0]))
+        fitted, *_ = np.linalg.lstsq(columns, given, rcond=None)
+        limit, spread = float(fitted[0]), float(np.std(given - columns @ fitted))
         if not max(spread, stiffness * float(solved.noise[k])) < ALIKE * limit:
             raise NotIdentifiableError(
                 f"The error of '{s.joint}' grows beyond what moves it for {beyond.mean():.0%} of the time, "
@@ -126,5 +126,5 @@ def torque_limits(
         lever = float(np.linalg.pinv(columns.T @ columns)[0, 0]) * beyond.sum() / runs
         sigma = max(spread * float(np.sqrt(lever)), stiffness * float(solved.noise[k]))
         unit = joint_unit("N m", model, s.joint)
-        found.append(classify(f"{s.name}.limit", float(limit), unit, sigma, GROUP))
+        found.append(classify(f"{s.name}.limit", limit, unit, sigma, GROUP))
     return found

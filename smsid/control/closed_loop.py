@@ -70,8 +70,7 @@ class Actuators:
         """Take the limits of wheels from the description, those of joints from the URDF (0: none)."""
         self.model, self.period = model, period
         self.layout = WheelLayout.of(model)
-        effort = np.asarray(model.pin.effortLimit)[model.arm_joints.v]
-        self.effort = np.where(effort > 0.0, effort, np.inf)
+        self.effort = model.joint_limits.effort
         self.hits: dict[str, int] = {}
 
     def __call__(self, torques: np.ndarray, wheel_rates: np.ndarray) -> np.ndarray:

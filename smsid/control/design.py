@@ -160,5 +160,4 @@ def strength(model: SpacecraftModel, inertia: np.ndarray) -> np.ndarray:
     wheels = np.array(
         [np.min(layout.max_torque / np.maximum(np.abs(layout.inverse[:, k]), 1e-12)) for k in range(3)]
     )
-    effort = np.asarray(model.pin.effortLimit)[model.arm_joints.v]
-    return np.concatenate([wheels, np.where(effort > 0.0, effort, np.inf)]) / np.diag(inertia)
+    return np.concatenate([wheels, model.joint_limits.effort]) / np.diag(inertia)

@@ -8,6 +8,7 @@ controller's, (46), with its own (wrong) H.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,14 +66,22 @@ def flexible_plant(model: SpacecraftModel, angles: np.ndarray) -> FlexiblePlant:
     upper = pin.crba(model.pin, model.data, q)
     mass = np.triu(upper) + np.triu(upper, 1).T
     kept, names = controlled_names(model)
-    out = [0, 1, 2, *model.wheels.v.tolist()]
+    reduced = reduced_mass(mass, kept, [0, 1, 2, *model.wheels.v.tolist()])
+    stiffness, damping = (np.diag(x[kept]) for x in springs(model))
+    return FlexiblePlant(reduced, damping, stiffness, names, 3 + len(model.arm_joints))
+
+
+def reduced_mass(mass: np.ndarray, kept: Sequence[int], out: Sequence[int]) -> np.ndarray:
+    """Return the mass matrix (k, k) of the coordinates ``kept``, those ``out`` eliminated by momentum."""
     coupling = mass[np.ix_(kept, out)]
-    reduced = mass[np.ix_(kept, kept)] - coupling @ np.linalg.solve(mass[np.ix_(out, out)], coupling.T)
-    stiffness, damping = np.zeros(model.nv), np.zeros(model.nv)
-    stiffness[model.spring_v], damping[model.spring_v] = model.stiffness, model.damping
-    return FlexiblePlant(
-        reduced, np.diag(damping[kept]), np.diag(stiffness[kept]), names, 3 + len(model.arm_joints)
-    )
+    return mass[np.ix_(kept, kept)] - coupling @ np.linalg.solve(mass[np.ix_(out, out)], coupling.T)
+
+
+def springs(model: SpacecraftModel) -> np.ndarray:
+    """Return stiffness and damping of all coordinates, (2, nv)."""
+    found = np.zeros((2, model.nv))
+    found[:, model.spring_v] = model.stiffness, model.damping
+    return found
 
 
 def controlled_names(model: SpacecraftModel) -> tuple[list[int], tuple[str, ...]]:

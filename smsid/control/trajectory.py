@@ -208,22 +208,12 @@ def design_motion(model: SpacecraftModel) -> Piecewise:
 
     A joint travels at most `TRAVEL_SHARE` of its way to the farther limit, at as much of its largest rate.
     """
-    joints, home = model.arm_joints, model.joint_angles(model.home)
+    home, limits = model.joint_angles(model.home), model.joint_limits
     rise, coast = PAPER_PHASES[:2]
-    acceleration = np.full(len(joints), PAPER_ACCELERATION)
-    for k in range(len(joints)):
-        fastest = float(model.pin.velocityLimit[joints.v[k]])
-        if fastest > 0.0:
-            acceleration[k] = min(acceleration[k], TRAVEL_SHARE * fastest / rise)
-        if model.pin.joints[int(joints.joints[k])].nq != 1:
-            continue  # turns without end
-        up = float(model.pin.upperPositionLimit[joints.q[k]]) - home[k]
-        down = home[k] - float(model.pin.lowerPositionLimit[joints.q[k]])
-        way = acceleration[k] * rise * (rise + coast)
-        if way > up:
-            share = TRAVEL_SHARE * max(up, down) / way
-            acceleration[k] *= min(max(share, 0.0), 1.0) * (1.0 if up >= down else -1.0)
-    return trapezoid(home, acceleration)
+    acceleration = np.minimum(PAPER_ACCELERATION, TRAVEL_SHARE * limits.rate / rise)
+    way, up, down = acceleration * rise * (rise + coast), limits.upper - home, home - limits.lower
+    share = np.where(up >= down, 1.0, -1.0) * np.clip(TRAVEL_SHARE * np.maximum(up, down) / way, 0.0, 1.0)
+    return trapezoid(home, np.where(way > up, share, 1.0) * acceleration)
 
 
 def check_joints(motion: Motion, model: SpacecraftModel) -> None:
@@ -240,18 +230,12 @@ def check_joints(motion: Motion, model: SpacecraftModel) -> None:
         )
     times = np.linspace(0.0, motion.duration, 2000)
     found = motion.sampled(times)
-    angles, rates = found[:, 0], found[:, 1]
+    angles, rates, limits = found[:, 0], found[:, 1], model.joint_limits
     for k, name in enumerate(joints.names):
-        bounded = model.pin.joints[int(joints.joints[k])].nq == 1
-        low, high = -np.inf, np.inf
-        if bounded:
-            low = float(model.pin.lowerPositionLimit[joints.q[k]])
-            high = float(model.pin.upperPositionLimit[joints.q[k]])
-        fastest = float(model.pin.velocityLimit[joints.v[k]])
         unit = "rad" if turns(model.pin, int(joints.joints[k])) else "m"
         for values, lower, upper, what in (
-            (angles[:, k], low, high, unit),
-            (np.abs(rates[:, k]), -np.inf, fastest, f"{unit}/s"),
+            (angles[:, k], limits.lower[k], limits.upper[k], unit),
+            (np.abs(rates[:, k]), -np.inf, limits.rate[k], f"{unit}/s"),
         ):
             beyond = np.flatnonzero((values < lower - 1e-12) | (values > upper + 1e-12))
             if beyond.size:
@@ -262,7 +246,7 @@ def check_joints(motion: Motion, model: SpacecraftModel) -> None:
                     f"past its limit of {limit:.4g} {what}.",
                     advice="Shorten the motion, slow it down, or start elsewhere.",
                     joint=name,
-                    limits=(lower, upper),
+                    limits=(float(lower), float(upper)),
                 )
 
 

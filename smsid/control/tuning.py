@@ -18,7 +18,7 @@ from scipy.linalg import eigh, solve_continuous_lyapunov
 
 from smsid._statistics import NORMAL95
 from smsid.control.gains import Gains, gains
-from smsid.control.robust import FlexiblePlant, Pole, named_poles
+from smsid.control.robust import FlexiblePlant, Pole, named_poles, reduced_mass
 from smsid.control.uncertain_plant import UncertainPlant
 from smsid.errors import ControlError
 
@@ -170,16 +170,12 @@ def _expected(w: float, demands: Demands, group: np.ndarray) -> np.ndarray | Non
 
 def _frequencies(plant: UncertainPlant, delta: np.ndarray, held: bool) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return undamped natural frequencies of slosh and bending, ascending, and what moves most in each."""
-    mass, stiffness = plant.mass.copy(), plant.stiffness.copy()
-    for d, c in zip(delta, plant.changes, strict=True):
-        mass = mass + d * c.mass
-        stiffness = stiffness + d * c.stiffness
+    mass, _, stiffness = plant.at(delta)
     k = plant.actuated
     kept = plant.kept[k:] if held else plant.kept
     # held: the base neither turns nor do joints move, but it is free to translate
     out = np.setdiff1d(np.arange(len(mass)), plant.kept)
-    coupling = mass[np.ix_(kept, out)]
-    reduced = mass[np.ix_(kept, kept)] - coupling @ np.linalg.solve(mass[np.ix_(out, out)], coupling.T)
+    reduced = reduced_mass(mass, kept, out)
     values, vectors = eigh(np.diag(stiffness[kept]), reduced)
     start = 0 if held else k  # as many modes without stiffness as there are free coordinates
     flexible = slice(0, None) if held else slice(k, None)

@@ -21,7 +21,7 @@ from smsid._statistics import NORMAL95
 from smsid.control.gains import Gains
 from smsid.control.identified_model import IdentifiedModel
 from smsid.control.mu import UncertainBlock
-from smsid.control.robust import controlled_names, errors_of, law_of
+from smsid.control.robust import controlled_names, errors_of, law_of, springs
 from smsid.control.statespace import StateSpace, lower_lft
 from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError
@@ -90,13 +90,10 @@ class UncertainPlant:
         touched = [np.any(c.mass, axis=0) for c in self.changes if c.rigid]
         return np.flatnonzero(np.any(touched, axis=0)) if touched else np.zeros(0, dtype=int)
 
-    def closed_loop(
-        self, delta: np.ndarray, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
-    ) -> np.ndarray:
-        """Return A of (x, x', controller) at parameters ``delta`` (changes,), +-1 at the ends of intervals.
+    def at(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return mass (m, m), damping and stiffness (m,) at parameters ``delta`` (changes,), +-1 at the ends.
 
-        Q = H_hat (K_D de + K_P e - u_inf) with ``inertia`` H_hat (k, k). Raises `ControlError` when sizes do
-        not fit or the mass matrix is not positive definite.
+        Raises `ControlError` when there are not as many.
         """
         if np.shape(delta) != (len(self.changes),):
             raise ControlError(f"{np.shape(delta)} parameters were given, not {len(self.changes)}.")
@@ -106,6 +103,17 @@ class UncertainPlant:
                 mass += d * c.mass
                 damping += d * c.damping
                 stiffness += d * c.stiffness
+        return mass, damping, stiffness
+
+    def closed_loop(
+        self, delta: np.ndarray, inertia: np.ndarray, gains: Gains, controller: StateSpace | None = None
+    ) -> np.ndarray:
+        """Return A of (x, x', controller) at parameters ``delta`` (changes,), +-1 at the ends of intervals.
+
+        Q = H_hat (K_D de + K_P e - u_inf) with ``inertia`` H_hat (k, k). Raises `ControlError` when sizes do
+        not fit or the mass matrix is not positive definite.
+        """
+        mass, damping, stiffness = self.at(delta)
         if np.linalg.eigvalsh(mass)[0] <= 0.0:
             raise ControlError("These parameters are those of no spacecraft: its mass matrix is indefinite.")
         law = law_of(gains, controller, inertia)
@@ -182,8 +190,7 @@ def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.
     model = identified.model
     q = model.set_joint_angles(model.home, angles)
     mass = _mass_matrix(model, q, None)
-    damping, stiffness = np.zeros(model.nv), np.zeros(model.nv)
-    stiffness[model.spring_v], damping[model.spring_v] = model.stiffness, model.damping
+    stiffness, damping = springs(model)
     zero = np.zeros(model.nv)
     changes = [
         Change(name, NORMAL95 * (_mass_matrix(model, q, d) - mass), zero, zero, True)
@@ -206,10 +213,9 @@ def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.
         by_mass = _mass_matrix(model, q, theta) - mass if theta.any() else np.zeros_like(mass)
         changes.append(Change(scalar.name, half * by_mass, half * by_d, half * by_k, False))
     kept, names = controlled_names(model)
-    layout = WheelLayout.of(model)
     actuated = 3 + len(model.arm_joints)
     into = np.zeros((model.nv, actuated))
-    into[model.wheels.v, :3] = -layout.inverse
+    into[model.wheels.v, :3] = -WheelLayout.of(model).inverse
     into[model.arm_joints.v, np.arange(3, actuated)] = 1.0
     return UncertainPlant(mass, damping, stiffness, into, np.array(kept), names, tuple(changes))
 

@@ -189,11 +189,11 @@ class SeriesSpace:
             a, b = shrink * a, shrink * b
             home = self.model.joint_angles(self.model.home)
             motion = FourierProfile(
-                frequency=frequency, cos=_rows(a), sin=_rows(b), offset=tuple(home - a.sum(axis=1))
+                frequency=frequency, cos=a.tolist(), sin=b.tolist(), offset=tuple(home - a.sum(axis=1))
             )
         if len(self.model.wheels):
             a, b = self._wheels(parts[n:])
-            torque = FourierProfile(frequency=frequency, cos=_rows(shrink * a), sin=_rows(shrink * b))
+            torque = FourierProfile(frequency=frequency, cos=(shrink * a).tolist(), sin=(shrink * b).tolist())
         return Experiment(
             name=name,
             note="designed: Fourier series on joints and wheels, free floating",
@@ -230,28 +230,23 @@ class SeriesSpace:
     @cached_property
     def _joint_limits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Room below and above home [rad], and rate [rad/s], each (joints,)."""
-        model, limits = self.model, self.limits
-        home = model.joint_angles(model.home)
-        low, high = np.full((2, len(home)), 2.0 * np.pi)
-        for i, (j, k) in enumerate(zip(model.arm_joints.joints, model.arm_joints.q, strict=True)):
-            bounds = model.pin.lowerPositionLimit[k], model.pin.upperPositionLimit[k]
-            if model.pin.joints[int(j)].nq == 1 and np.isfinite(bounds).all() and bounds[1] > bounds[0]:
-                middle, half = sum(bounds) / 2.0, limits.usable * (bounds[1] - bounds[0]) / 2.0
-                low[i], high[i] = home[i] - (middle - half), middle + half - home[i]
-            if min(low[i], high[i]) <= 0.0:
-                raise ExperimentError(
-                    f"{model.arm_joints.names[i]} is at its limit at home: {home[i]:.4g} rad of "
-                    f"{bounds[0]:.4g} to {bounds[1]:.4g} rad.",
-                    advice="Give the arm another `home`.",
-                )
+        own, limits, names = self.model.joint_limits, self.limits, self.model.arm_joints.names
+        home = self.model.joint_angles(self.model.home)
+        endless = np.isinf(own.upper)
+        unused = limits.margin * np.where(endless, 0.0, own.upper - own.lower) / 2.0
+        low = np.where(endless, 2.0 * np.pi, home - own.lower - unused)
+        high = np.where(endless, 2.0 * np.pi, own.upper - home - unused)
+        for i in np.flatnonzero(np.minimum(low, high) <= 0.0):
+            raise ExperimentError(
+                f"{names[i]} is at its limit at home: {home[i]:.4g} rad of "
+                f"{own.lower[i]:.4g} to {own.upper[i]:.4g} rad.",
+                advice="Give the arm another `home`.",
+            )
         if limits.swing is not None:
             low, high = (np.minimum(x, limits.usable * limits.swing) for x in (low, high))
-        speed = np.array([float(x) for x in model.pin.velocityLimit[model.arm_joints.v]])
-        speed = np.where((speed > 0.0) & (speed < 1e20), speed, np.inf)
-        if limits.joint_rate is not None:
-            speed = np.minimum(speed, limits.joint_rate)
+        speed = own.rate if limits.joint_rate is None else np.minimum(own.rate, limits.joint_rate)
         if not np.isfinite(speed).all():
-            name = model.arm_joints.names[int(np.argmax(~np.isfinite(speed)))]
+            name = names[int(np.argmax(~np.isfinite(speed)))]
             raise ExperimentError(
                 f"{name} has no limit of its rate.", advice="State it in the URDF, or give --joint-rate."
             )
@@ -277,7 +272,3 @@ class SeriesSpace:
                     factor[i] = min(factor[i], self.limits.usable * limit / max(value, 1e-12))
         factor *= np.minimum(1.0, np.linalg.norm(parts.reshape(len(a), -1), axis=1))
         return a * factor[:, None], b * factor[:, None]
-
-
-def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(float(x) for x in row) for row in matrix)

@@ -187,6 +187,11 @@ class BeamAppendage(Appendage):
         """Mass per length [kg/m], the rho of (27)."""
         return self.mass / self.length
 
+    @property
+    def bending_stiffness(self) -> float:
+        """E I [N m^2]."""
+        return self.youngs_modulus * self.width * self.thickness**3 / 12.0
+
     def mass_parameter(self) -> Parameter:
         """Return the linear density [kg/m]."""
         return Parameter(f"{self.name}.linear_density", self.linear_density, "kg/m", 0.0)
@@ -247,12 +252,9 @@ class BeamAppendage(Appendage):
         for k, (mode, plain) in enumerate(zip(modes, own.modal_data(), strict=True), start=1):
             off = mode.frequency / plain.frequency - 1.0, mode.damping - plain.damping
             if k > 1 and any(off):
-                name = re.sub(
-                    r"\W+", "_", f"mode_error_{self.name}_{k}"
-                )  # that of a diagnosis, which goes on
-                out.append(
-                    ModeError(name=name, appendage=self.name, mode=k, frequency=off[0], damping=off[1])
-                )
+                name = re.sub(r"\W+", "_", f"mode_error_{self.name}_{k}")  # as a diagnosis has it
+                off_by = {"frequency": off[0], "damping": off[1]}
+                out.append(ModeError(name=name, appendage=self.name, mode=k, **off_by))
         return out
 
     def estimated_sigmas(self, sigma: SigmaOf, relative: SigmaOf) -> dict[str, float]:
@@ -278,8 +280,8 @@ class BeamAppendage(Appendage):
 
     def modal_data(self) -> tuple[Mode, ...]:
         """Return the bending modes of the cantilever, mass-normalised."""
-        stiffness = self.youngs_modulus * self.width * self.thickness**3 / 12.0
-        return _beam_modes(self.length, self.modes, self.mass, stiffness, self.damping, self.stations)
+        ei = self.bending_stiffness
+        return _beam_modes(self.length, self.modes, self.mass, ei, self.damping, self.stations)
 
     def rigid_inertia(self) -> pin.Inertia:
         """Return the plate's inertia about the root (pin.Inertia: about its own CM, lever to it)."""

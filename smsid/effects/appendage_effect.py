@@ -176,11 +176,9 @@ class ThermalSnap(BeamEffect, Starting):
         panel, beam = self.beam(assembly)
         if self.deflection == 0.0:
             return
-        length, shapes = beam.length, beam.cantilever
-        omega = 2.0 * np.pi * beam.modal_data()[0].frequency
-        bending = beam.linear_density * omega**2 * (length / shapes.roots[0]) ** 4  # E I [N m^2]
-        curvature = 2.0 * self.deflection / length**2
-        forces = bending * curvature * shapes.slope(length) / np.sqrt(beam.mass) * panel.scale
+        curvature = 2.0 * self.deflection / beam.length**2
+        slopes = beam.cantilever.slope(beam.length) / np.sqrt(beam.mass)
+        forces = beam.bending_stiffness * curvature * slopes * panel.scale
         index = [assembly.model.joints[j].idx_v for j in panel.joints]
         assembly.add_force(ConstantForce(index, forces))
 

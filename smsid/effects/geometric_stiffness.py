@@ -69,9 +69,8 @@ class Foreshortening:
     def __init__(self, model: pin.Model, panel: AppendageJoints, beam: BeamAppendage, factor: float) -> None:
         nodes, weights = np.polynomial.legendre.leggauss(4 + 4 * beam.modes)
         self.x, shapes = 0.5 * beam.length * (nodes + 1.0), beam.cantilever
-        omega = 2.0 * np.pi * beam.modal_data()[0].frequency
-        bending = beam.linear_density * omega**2 * (beam.length / shapes.roots[0]) ** 4  # E I [N m^2]
-        self.mass, self.stiffness = 0.5 * beam.mass * weights, 0.5 * beam.length * bending * weights
+        self.mass = 0.5 * beam.mass * weights
+        self.stiffness = 0.5 * beam.length * beam.bending_stiffness * weights
         # shapes are normalised to mean square 1: mass-normalised ones are these over sqrt(mass)
         self.shape = shapes.shape(self.x) / np.sqrt(beam.mass)
         both = np.einsum("xi,xj->xij", shapes.slope(self.x), shapes.curvature(self.x)) / beam.mass

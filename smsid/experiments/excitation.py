@@ -16,6 +16,7 @@ from smsid.model.spacecraft import SpacecraftModel, outside_limits
 from smsid.simulate import Tolerance, simulate
 
 HARMONICS = 5
+ROOM = 1e-3  # [rad] that a joint at a limit is left at least
 DRAFT = Tolerance(1e-6, 1e-8)  # to rank candidates and see limits, not to make data
 
 
@@ -137,16 +138,18 @@ def _draw(
         b -= (b @ order)[:, None] * order / (order @ order)  # zero rate at the start
         swing = a @ (np.cos(phase) - 1.0) + b @ np.sin(phase)
         rate = 2 * np.pi * frequency * (-(a * order) @ np.sin(phase) + (b * order) @ np.cos(phase))
-        low, high = _range(model, home)
+        limits = model.joint_limits
         factor = swings(model, amplitude) / np.abs(swing).max(axis=1)
-        factor = np.minimum(factor, 0.9 * high / np.maximum(swing.max(axis=1), 1e-12))
-        factor = np.minimum(factor, 0.9 * low / np.maximum(-swing.min(axis=1), 1e-12))
-        speed = model.pin.velocityLimit[model.arm_joints.v]
-        speed = np.where((speed > 0) & np.isfinite(speed), speed, np.inf)
-        factor = np.minimum(factor, 0.9 * speed / np.abs(rate).max(axis=1))
+        for room, reach in (
+            (limits.upper - home, swing.max(axis=1)),
+            (home - limits.lower, -swing.min(axis=1)),
+            (limits.rate, np.abs(rate).max(axis=1)),
+        ):
+            room = np.where(np.isfinite(room), np.maximum(room, ROOM), room)
+            factor = np.minimum(factor, 0.9 * room / np.maximum(reach, 1e-12))
         a, b = a * factor[:, None], b * factor[:, None]
         motion = FourierProfile(
-            frequency=frequency, cos=_rows(a), sin=_rows(b), offset=tuple(home - a.sum(axis=1))
+            frequency=frequency, cos=a.tolist(), sin=b.tolist(), offset=tuple(home - a.sum(axis=1))
         )
     torque = None
     if w:
@@ -158,7 +161,7 @@ def _draw(
         notes += weak
         factor = np.minimum(limit / peak, momentum / swing)
         torque = FourierProfile(
-            frequency=frequency, cos=_rows(a * factor[:, None]), sin=_rows(b * factor[:, None])
+            frequency=frequency, cos=(a * factor[:, None]).tolist(), sin=(b * factor[:, None]).tolist()
         )
     return Experiment(
         name=name,
@@ -178,19 +181,3 @@ def _start_angles(model: SpacecraftModel) -> tuple[np.ndarray, list[str]]:
         angles[use.index] = use.middle
         notes.append(f"{use.name} starts at {use.middle:.4g}, the middle of its limits: {use}")
     return angles, notes
-
-
-def _range(model: SpacecraftModel, home: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Room below and above home (joints,) [rad]; unlimited joints get a turn."""
-    low, high = np.full(len(home), 2 * np.pi), np.full(len(home), 2 * np.pi)
-    for i, (j, k) in enumerate(zip(model.arm_joints.joints, model.arm_joints.q, strict=True)):
-        if model.pin.joints[int(j)].nq != 1:
-            continue
-        lower, upper = model.pin.lowerPositionLimit[k], model.pin.upperPositionLimit[k]
-        if np.isfinite([lower, upper]).all() and upper > lower:
-            low[i], high[i] = max(home[i] - lower, 1e-3), max(upper - home[i], 1e-3)
-    return low, high
-
-
-def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(float(x) for x in row) for row in matrix)

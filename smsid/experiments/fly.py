@@ -16,7 +16,7 @@ from smsid._version import __version__
 from smsid.errors import ExperimentError
 from smsid.experiments.scaling import bus_size, spin_inertias
 from smsid.experiments.schema import Experiment
-from smsid.model.spacecraft import SpacecraftModel, group_angles
+from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing import observe
 from smsid.simulate import Tolerance, Trajectory, simulate, truth_of
@@ -153,29 +153,23 @@ def check_sensors(model: SpacecraftModel) -> None:
 
 def limit_use(model: SpacecraftModel, s: States, hold_attitude: bool = False) -> tuple[LimitUse, ...]:
     """Return how far states go towards every limit of wheels, joints and thrust, and the slosh stroke."""
-    d = model.description
+    d, own = model.description, model.joint_limits
+    torque, rate = np.abs(s.tau + s.reaction).max(axis=0), np.abs(s.v).max(axis=0)
     found: list[LimitUse] = []
-    for i, name in enumerate(model.wheels.names):
-        wheel = d.wheel[i]
-        k = model.wheels.v[i]
-        torque = np.abs(s.tau[:, k] + s.reaction[:, k]).max()
-        found.append(LimitUse(f"torque of {name}", float(torque), wheel.max_torque, "N m"))
-        found.append(LimitUse(f"rate of {name}", float(np.abs(s.v[:, k]).max()), wheel.max_rate, "rad/s"))
-    angles = group_angles(model.pin, model.arm_joints, s.q)
-    for i, name in enumerate(model.arm_joints.names):
-        k, kq = model.arm_joints.v[i], model.arm_joints.q[i]
-        torque = np.abs(s.tau[:, k] + s.reaction[:, k]).max()
-        found.append(LimitUse(f"torque of {name}", float(torque), _limit(model.pin.effortLimit[k]), "N m"))
-        found.append(
-            LimitUse(
-                f"rate of {name}", float(np.abs(s.v[:, k]).max()), _limit(model.pin.velocityLimit[k]), "rad/s"
-            )
-        )
-        low, high = model.pin.lowerPositionLimit[kq], model.pin.upperPositionLimit[kq]
-        if np.isfinite([low, high]).all() and model.pin.joints[int(model.arm_joints.joints[i])].nq == 1:
-            centre, half = (low + high) / 2, (high - low) / 2
-            reach = np.abs(angles[:, i] - centre).max()
-            found.append(LimitUse(f"angle of {name} from its middle", float(reach), float(half), "rad"))
+
+    def add(name: str, k: int, most: float | None, fastest: float | None) -> None:
+        found.append(LimitUse(f"torque of {name}", float(torque[k]), most, "N m"))
+        found.append(LimitUse(f"rate of {name}", float(rate[k]), fastest, "rad/s"))
+
+    for name, k, wheel in zip(model.wheels.names, model.wheels.v, d.wheel, strict=True):
+        add(name, k, wheel.max_torque, wheel.max_rate)
+    angles = model.joint_angles(s.q)
+    for i, (name, k) in enumerate(zip(model.arm_joints.names, model.arm_joints.v, strict=True)):
+        add(name, k, _limit(own.effort[i]), _limit(own.rate[i]))
+        low, high = float(own.lower[i]), float(own.upper[i])
+        if high < np.inf:
+            reach = float(np.abs(angles[:, i] - (low + high) / 2).max())
+            found.append(LimitUse(f"angle of {name} from its middle", reach, (high - low) / 2, "rad"))
     if model.free:
         force = np.abs(s.tau[:, :3]).max()
         found.append(LimitUse("thrust per axis", float(force), d.thrust.max_force, "N"))
@@ -197,7 +191,7 @@ def _strokes(model: SpacecraftModel, s: States) -> list[LimitUse]:
 
 
 def _limit(value: float) -> float | None:
-    return float(value) if np.isfinite(value) and 0.0 < value < 1e20 else None
+    return float(value) if np.isfinite(value) else None
 
 
 ACCELERATION = 30.0  # [m/s^2] of a craft by its thrust; launchers take 60, free-flyers less than 1

@@ -253,6 +253,11 @@ class SpacecraftModel:
             ahead -= lapack.dposv(mass, behind)[1][self.arm_joints.v]
         return ahead
 
+    @property
+    def joint_limits(self) -> JointLimits:
+        """Limits of the arm joints."""
+        return JointLimits.of(self.pin, self.arm_joints)
+
     def set_joint_angles(self, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Return copies (..., nq) of q (nq,) with the arm joints at angles (..., joints)."""
         return set_group_angles(self.pin, self.arm_joints, q, angles)
@@ -278,6 +283,28 @@ def set_group_angles(model: pin.Model, group: JointGroup, q: np.ndarray, angles:
         else:
             out[..., k], out[..., k + 1] = np.cos(angles[..., i]), np.sin(angles[..., i])
     return out
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of joints, each (joints,): angle [rad | m], rate and torque; infinite where none is stated."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    rate: np.ndarray
+    effort: np.ndarray
+
+    @classmethod
+    def of(cls, model: pin.Model, group: JointGroup) -> JointLimits:
+        """Return what the URDF states; equal limits of the angle, and zero, state nothing."""
+        lower, upper = model.lowerPositionLimit[group.q], model.upperPositionLimit[group.q]
+        ends = np.array([model.joints[j].nq == 1 for j in group.joints.tolist()], dtype=bool)
+        ends &= np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
+        rate, effort = (
+            np.where((x > 0.0) & (x < 1e20), x, np.inf)
+            for x in (model.velocityLimit[group.v], model.effortLimit[group.v])
+        )
+        return cls(np.where(ends, lower, -np.inf), np.where(ends, upper, np.inf), rate, effort)
 
 
 SLACK = 1e-9  # [rad | m]
@@ -306,14 +333,12 @@ def outside_limits(model: pin.Model, group: JointGroup, angles: np.ndarray) -> t
     """Return the joints of a group whose angles (joints,) are beyond their limits; joints without limits and
     those with equal ones are left out.
     """
-    found = []
-    for i, (j, k) in enumerate(zip(group.joints.tolist(), group.q.tolist(), strict=True)):
-        low, high = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
-        if model.joints[j].nq != 1 or not (np.isfinite([low, high]).all() and low < high):
-            continue
-        if not low - SLACK <= angles[i] <= high + SLACK:
-            found.append(OutsideLimits(i, group.names[i], float(angles[i]), low, high))
-    return tuple(found)
+    limits = JointLimits.of(model, group)
+    outside = (angles < limits.lower - SLACK) | (angles > limits.upper + SLACK)
+    return tuple(
+        OutsideLimits(i, group.names[i], float(angles[i]), float(limits.lower[i]), float(limits.upper[i]))
+        for i in np.flatnonzero(outside).tolist()
+    )
 
 
 def motion_columns(model: pin.Model, joint: int) -> np.ndarray:
