@@ -122,25 +122,27 @@ def _entries(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Gr
         elif group.rows is not None and not group.rows.any():
             reason = "its cells are all blank"
         width = shape[1 - axis] if len(shape) == 2 else len(group.columns)
-        quantity = group.quantity
-        if quantity in (None, "current"):
-            group = replace(group, quantity=quantity)
-        elif not _fits(quantity or "", width):
-            quantity = None
-        labels: tuple[str, ...] = ()
-        if quantity is not None and quantity.startswith("joint_") and len(shape) == 2:
-            known = [k for k in columns if k.startswith(f"{group.columns[0]}.") and columns[k].ndim == 1]
-            if len(known) == width:
-                labels = tuple(k[len(group.columns[0]) + 1 :] for k in known)
-        elif quantity is not None and len(group.columns) > 1:
-            labels = joint_labels(group)
-        name = quantity if quantity not in (None, "current") else f"{EXTRA}.{_slug(group.stem) or 'column'}"
-        if quantity is None and group.quantity is not None:
-            usual = QUANTITIES.get(group.quantity)
-            unit = group.unit if group.unit_written or usual is None else usual.unit
+        if group.quantity in QUANTITIES and not _fits(group.quantity, width):
+            unit = group.unit if group.unit_written else QUANTITIES[group.quantity].unit
             group = replace(group, quantity=None, unit=unit)
-        entries.append(_Entry(str(name), group, clock, rows, axis, labels, reason))
+        known = group.quantity is not None and group.quantity != "current"
+        name = str(group.quantity) if known else f"{EXTRA}.{_slug(group.stem) or 'column'}"
+        labels = _labels(columns, group, width)
+        entries.append(_Entry(name, group, clock, rows, axis, labels, reason))
     return entries
+
+
+def _labels(columns: Columns, group: Group, width: int) -> tuple[str, ...]:
+    """Joints' names: an array's own columns, where a bag has them by name as well, or the columns' names."""
+    first, quantity = group.columns[0], group.quantity or ""
+    if quantity.startswith("joint_") and columns[first].ndim == 2:
+        named = [k.removeprefix(f"{first}.") for k in columns if _is_part(k, first, columns)]
+        return tuple(named) if len(named) == width else ()
+    return joint_labels(group) if quantity and len(group.columns) > 1 else ()
+
+
+def _is_part(name: str, array: str, columns: Columns) -> bool:
+    return name.startswith(f"{array}.") and columns[name].ndim == 1
 
 
 def _fits(quantity: str, width: int) -> bool:
@@ -315,7 +317,7 @@ def _with_labels(entry: _Entry, active: list[_Entry]) -> _Entry:
     counts = {
         len(e.labels or e.group.columns) for e in active if ".joint_" in e.channel and e.source != EXTRA
     }
-    if len(counts) < 2 or (len(entry.group.columns) == 1 and "#" not in entry.group.stem and not counts):
+    if len(counts) < 2:
         return entry
     others = [e for e in active if e.source == entry.source and ".joint_" in e.channel]
     return replace(entry, labels=(others or [entry])[0].group.columns)
