@@ -29,7 +29,6 @@ from smsid.cli import main as smsid_main
 
 HANG = 60.0  # [s] of processor time
 ASLEEP = 120.0  # [s] of time: what has not worked at all for so long waits for ever, a hang, too
-EVERY = 50  # inputs between two savings
 
 
 def run(seed: int, number: int, folder: Path) -> dict[str, Any]:

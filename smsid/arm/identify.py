@@ -36,6 +36,7 @@ from smsid.recording import Recording
 from smsid.recording.checks import consistency_notes
 
 GROUP = "arm"
+RANDOM_STATES = 200  # that base parameters of any motion are told from
 
 
 @short_repr
@@ -253,17 +254,15 @@ def torque_rows(
     return np.concatenate(parts, axis=2), links.names + names, links.units + units
 
 
-def structural_base(
-    model: SpacecraftModel, samples: int = 200, *, kept: np.ndarray | None = None
-) -> BaseParameters:
+def structural_base(model: SpacecraftModel, *, kept: np.ndarray | None = None) -> BaseParameters:
     """Base parameters of the arm for any motion: from random states, so that names do not depend on the
     log. Of the torques of the joints ``kept`` (nv,), all by default. Raises `DescriptionError` when torques
     depend on none.
     """
     rng = np.random.default_rng(0)
-    angles = rng.uniform(-np.pi, np.pi, (samples, len(model.arm_joints)))
+    angles = rng.uniform(-np.pi, np.pi, (RANDOM_STATES, len(model.arm_joints)))
     q = model.set_joint_angles(model.home, angles)
-    v, a, load, warmth = rng.normal(size=(4, samples, model.nv))
+    v, a, load, warmth = rng.normal(size=(4, RANDOM_STATES, model.nv))
     rows, names, units = torque_rows(model, JointStates(q, v, a, load, 20.0 + 5.0 * warmth))
     if kept is not None:
         rows = rows * kept[:, None]

@@ -169,9 +169,9 @@ def load_summary(path: str | os.PathLike[str]) -> Summary:
         )
 
 
-def coverage_band(runs: int, level: float, nominal: float = 0.95) -> Band:
-    """Return the fractions (low, high) [1] a coverage lies between with probability 1 - ``level`` or more."""
-    low, high = stats.binom.ppf([level / 2, 1 - level / 2], runs, nominal)
+def coverage_band(runs: int, level: float) -> Band:
+    """Return what a coverage of 95 % lies between (low, high) [1], with probability 1 - ``level`` or more."""
+    low, high = stats.binom.ppf([level / 2, 1 - level / 2], runs, 0.95)
     return float(low) / runs, float(high) / runs
 
 

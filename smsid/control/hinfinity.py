@@ -21,6 +21,7 @@ from smsid.errors import ControlError
 
 logger = logging.getLogger(__name__)
 LARGEST_GAMMA = 1e6
+MARGIN = 0.02  # of the level that is taken above the least feasible one, where poles stay slow
 
 
 @dataclass(frozen=True)
@@ -48,24 +49,21 @@ class Plant:
 class Synthesis:
     """A controller u = K y: ``gamma`` asked, ``norm`` reached, ``optimum`` the least gamma found feasible.
 
-    ``closed_loop`` from w to z; ``peak`` [rad/s] is where its norm is.
+    ``closed_loop`` from w to z.
     """
 
     controller: StateSpace
     closed_loop: StateSpace
     gamma: float
     norm: float
-    peak: float
     optimum: float
 
 
-def synthesize(
-    plant: Plant, *, tolerance: float = 1e-4, margin: float = 0.02, gamma: float | None = None
-) -> Synthesis:
+def synthesize(plant: Plant, *, tolerance: float = 1e-4, gamma: float | None = None) -> Synthesis:
     """Return an H-infinity controller, D11 of any kind.
 
     ``gamma`` asks for that level; by default the least feasible one is searched to a relative ``tolerance``
-    and the controller taken ``margin`` above it, where its poles stay slow.
+    and the controller taken `MARGIN` above it, where its poles stay slow.
 
     Raises:
         ControlError: not stabilisable or detectable, an assumption broken, or none reaches the level.
@@ -88,7 +86,7 @@ def synthesize(
         low, high = (low, middle) if _attempt(plant, middle) is not None else (middle, high)
         if high < 1e-9:
             break
-    level = high * (1.0 + margin)
+    level = high * (1.0 + MARGIN)
     found = _attempt(plant, level)
     if found is None:
         raise ControlError(
@@ -117,8 +115,7 @@ def _attempt(plant: Plant, gamma: float) -> StateSpace | None:
 
 def _verified(plant: Plant, controller: StateSpace, gamma: float, optimum: float) -> Synthesis:
     closed = lower_lft(plant.system, controller)
-    norm, peak = hinf_norm(closed)
-    return Synthesis(controller, closed, gamma, norm, peak, optimum)
+    return Synthesis(controller, closed, gamma, hinf_norm(closed)[0], optimum)
 
 
 def _bracket(plant: Plant) -> tuple[float, float]:

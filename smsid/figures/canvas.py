@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#0063a3", "#c44f00", "#8a919c", "#00845f", "#a8468a", "#9a7400")
-WIDE, NARROW = 7.16, 3.5  # [in] of two columns, and of one
+WIDE = 7.16  # [in] of two columns
 FORMATS = (".png", ".svg", ".pdf")
 STYLE: dict[Any, Any] = {
     "font.size": 8.0,
@@ -43,7 +43,6 @@ def canvas(
     rows: int = 1,
     columns: int = 1,
     *,
-    width: float = WIDE,
     height: float = 2.4,
     sharex: bool = False,
     sharey: bool = False,
@@ -59,7 +58,7 @@ def canvas(
     from matplotlib.figure import Figure
 
     with rc_context(STYLE):
-        figure = Figure(figsize=(width, height))
+        figure = Figure(figsize=(WIDE, height))
         yield figure, figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=squeeze)
 
 
@@ -104,6 +103,6 @@ def _plain_where_no_formula(figure: Figure) -> None:
                 text.set_parse_math(False)  # type: ignore[attr-defined]
 
 
-def legend_above(axes: Axes, columns: int = 4) -> None:
+def legend_above(axes: Axes) -> None:
     """Put the legend above the axes, out of the way of the data."""
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)

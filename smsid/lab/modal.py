@@ -135,8 +135,6 @@ def ambient_modes(
     rate: float,
     *,
     highest_frequency: float,
-    orders: Sequence[int] = ORDERS,
-    stability: Stability = STABILITY,
     replicates: int = 40,
     rng: np.random.Generator | None = None,
 ) -> AmbientModes:
@@ -156,8 +154,6 @@ def ambient_modes(
         y: (N,) or (N, l) outputs [any unit, one for each]; rows that are not finite are gaps.
         rate: [Hz].
         highest_frequency: modes above are not sought [Hz]; the record is decimated accordingly.
-        orders: model orders; none is picked.
-        stability: tolerances of the stabilisation diagram.
         replicates: number of resamplings.
         rng: for them; default a generator of fixed seed.
 
@@ -174,7 +170,7 @@ def ambient_modes(
     for alike in (False, True):
         prepared = _prepared(y, rate, factor, alike=alike)
         sizes = np.sqrt(np.mean(np.concatenate(prepared[1]) ** 2, axis=0))
-        found.append(_identified(prepared, rate, highest_frequency, orders, stability, replicates, generator))
+        found.append(_identified(prepared, rate, highest_frequency, replicates, generator))
         sizes = sizes[sizes > 0.0]
         if not sizes.size or sizes.max() <= UNEVEN * sizes.min():
             break
@@ -188,8 +184,6 @@ def _identified(
     prepared: Prepared,
     rate: float,
     highest_frequency: float,
-    orders: Sequence[int],
-    stability: Stability,
     replicates: int,
     generator: np.random.Generator,
 ) -> AmbientModes:
@@ -199,7 +193,7 @@ def _identified(
     # correlations of a machine's harmonic never die away
     window = min(correlation_window(max(slow, key=len), slow_rate), MOST_ROWS / slow_rate)
     outputs = slow[0].shape[1]
-    least = max(orders) // outputs + 2
+    least = max(ORDERS) // outputs + 2
     rows = sorted({min(max(int(w * window * slow_rate), least), MOST_ROWS) for w in WINDOWS})
     blocks = min(max(10, int(sum(map(len, slow)) / (8 * max(rows)))), 30)
     draws = generator.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=replicates).astype(float)
@@ -209,13 +203,13 @@ def _identified(
     every: list[tuple[Poles, ...]] = []
     for count in rows:
         covariances = _block_covariances(slow, count, blocks)
-        chosen = checked_orders(orders, count, outputs, count * outputs)
+        chosen = checked_orders(ORDERS, count, outputs, count * outputs)
         left, singular, right = np.linalg.svd(covariances.mean(axis=0), full_matrices=False)
         poles = observability_poles(left, singular, right, outputs, slow_rate, chosen)
         every.append(poles)
-        stable = stable_modes(poles, slow_rate, replace(stability, contribution=FAINT))
+        stable = stable_modes(poles, slow_rate, replace(STABILITY, contribution=FAINT))
         loose.append([m for m in stable if m.frequency <= highest_frequency])
-        found.append([m for m in loose[-1] if m.contribution >= stability.contribution])
+        found.append([m for m in loose[-1] if m.contribution >= STABILITY.contribution])
         # What a resampled covariance changes lies in the leading subspaces; there it is small to decompose.
         kept = min(2 * max(chosen), singular.size)
         left, right = left[:, :kept], right[:kept]
@@ -226,10 +220,10 @@ def _identified(
             inner, values, outer = np.linalg.svd(np.einsum("k,kij->ij", weights / weights.sum(), small))
             own = observability_poles(left @ inner, values, outer @ right, outputs, slow_rate, few)
             again[-1].append(own)
-    used = finest_windows(found, stability.frequency)
+    used = finest_windows(found, STABILITY.frequency)
     groups = [
         g
-        for g in group_modes([found[k] for k in used], stability.frequency)
+        for g in group_modes([found[k] for k in used], STABILITY.frequency)
         if len(g) >= least_agreeing(len(used))
     ]
     lines = spectral_lines(x, rate, highest_frequency)
@@ -249,13 +243,13 @@ def _identified(
     )
     middle = used[len(used) // 2] if used else len(rows) // 2
     shown = every[middle]
-    diagram = PoleDiagram(rows[middle] / slow_rate, tuple(shown), stable_poles(shown, stability))
-    seen = group_modes([loose[k] for k in used or range(len(rows))], stability.frequency)
+    diagram = PoleDiagram(rows[middle] / slow_rate, tuple(shown), stable_poles(shown, STABILITY))
+    seen = group_modes([loose[k] for k in used or range(len(rows))], STABILITY.frequency)
     middles = [
         float(np.median([m.frequency for m in g])) for g in seen if len(g) >= least_agreeing(len(used))
     ]
     told = [*(m.frequency for m in modes), *lines]
-    faint = [f for f in middles if all(abs(f - other) > 2 * stability.frequency * f for other in told)]
+    faint = [f for f in middles if all(abs(f - other) > 2 * STABILITY.frequency * f for other in told)]
     return AmbientModes(
         modes, gaps, lines, slow_rate, window, diagram, tuple(sorted(faint)), _drift(pieces, rate, modes)
     )

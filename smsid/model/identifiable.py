@@ -57,26 +57,25 @@ class BaseParameters:
         return tuple(lost + changed)
 
 
+DEPENDENT = 1e-8
+"""Share of a column below which nothing of it is left beside the others."""
+
+
 def base_parameters(
-    regressor: np.ndarray,
-    names: Sequence[str],
-    units: Sequence[str],
-    *,
-    tolerance: float = 1e-8,
-    prefer: Sequence[int] | None = None,
+    regressor: np.ndarray, names: Sequence[str], units: Sequence[str], *, prefer: Sequence[int] = ()
 ) -> BaseParameters:
     """Return the base parameters of a regressor (rows, n).
 
     Columns are scaled to unit norm; one is dependent when what is left of it after projection on those
-    before is below ``tolerance``. ``prefer`` lists columns to be kept first; the others follow in order,
+    before is below `DEPENDENT`. ``prefer`` lists columns to be kept first; the others follow in order,
     that is from the base to the tip: what cannot be told apart is lumped into the body nearer the base, as
     textbooks do. Raises `NotIdentifiableError` when nothing can be identified.
     """
     reduced = _triangle(regressor)
     norm = np.linalg.norm(reduced, axis=0)
-    floor = tolerance * max(float(norm.max(initial=0.0)), 1e-300)
+    floor = DEPENDENT * max(float(norm.max(initial=0.0)), 1e-300)
     seen = norm > floor
-    first = list(dict.fromkeys(prefer or ()))
+    first = list(dict.fromkeys(prefer))
     order = [i for i in (*first, *(i for i in range(len(names)) if i not in first)) if seen[i]]
     if not order:
         raise NotIdentifiableError(
@@ -90,7 +89,7 @@ def base_parameters(
         for _ in range(2):  # twice is enough (Kahan, Parlett)
             rest = rest - basis @ (basis.T @ rest)
         size = np.linalg.norm(rest)
-        if size > tolerance:
+        if size > DEPENDENT:
             kept.append(k)
             basis = np.column_stack([basis, rest / size])
     independent = np.array([order[k] for k in kept], dtype=int)

@@ -132,10 +132,10 @@ class Section:
     open: bool = True
 
 
-def notes_section(notes: Sequence[str], prefix: str = "", *, open: bool = False) -> list[Section]:
+def notes_section(notes: Sequence[str], *, open: bool = False) -> list[Section]:
     """Return the section "Notes", each one once; none where there are none."""
     own = list(dict.fromkeys(n for n in notes if n))
-    return [Section(f"{prefix}notes", "Notes", (Text(own, True),), f"{len(own)}", open)] if own else []
+    return [Section("notes", "Notes", (Text(own, True),), f"{len(own)}", open)] if own else []
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def transform(path: str, pose: np.ndarray) -> Command:
     return {"type": "set_transform", "path": path, "matrix": _flat(pose)}
 
 
-def animation_command(tracks: dict[str, np.ndarray], fps: float, *, play: bool, loop: bool) -> Command:
+def animation_command(tracks: dict[str, np.ndarray], fps: float, *, play: bool) -> Command:
     """Return the command that plays poses (N, 4, 4) by path, one key a frame; what stands still has none."""
     animations = []
     for path, poses in tracks.items():
@@ -63,12 +63,11 @@ def animation_command(tracks: dict[str, np.ndarray], fps: float, *, play: bool, 
         if keys:
             full = path if path.startswith("/") else f"{PREFIX}/{path}"
             animations.append({"path": full, "clip": {"fps": float(fps), "name": "replay", "tracks": keys}})
-    repetitions = float("inf") if loop else 1
     return {
         "type": "set_animation",
         "path": "",
         "animations": animations,
-        "options": {"play": play, "repetitions": repetitions},
+        "options": {"play": play, "repetitions": float("inf")},
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -88,9 +88,7 @@ def _tracked(model: SpacecraftModel, history: TrackHistory) -> States:
     return tracked_states(model, history)
 
 
-def write_view(
-    view: Replay | Scene, path: str | os.PathLike[str], *, fps: float = 20.0, title: str | None = None
-) -> Path:
+def write_view(view: Replay | Scene, path: str | os.PathLike[str], *, fps: float = 20.0) -> Path:
     """Write a view as one HTML file, or as a film if the path ends in ``.mp4`` or ``.gif``; return it.
 
     Raises:
@@ -98,7 +96,7 @@ def write_view(
         SmsidError: a film of nothing that moves, or too long a one.
     """
     if not is_film(path):
-        return export_html(view, path, title=title)
+        return export_html(view, path)
     if not isinstance(view, Replay):
         raise SmsidError(
             "A film needs a recording.", advice="Give one, or write an .html of the craft at rest."
@@ -109,15 +107,12 @@ def write_view(
 WELL = 5  # degree of the spline through measured joint angles: their acceleration is continuous
 
 
-def simulated_twin(
-    model: SpacecraftModel, recording: Recording, *, progress: Callable[[float], None] | None = None
-) -> Trajectory:
+def simulated_twin(model: SpacecraftModel, recording: Recording) -> Trajectory:
     """Return the motion that the model makes of a recording's commands, from its first state on.
 
     Between samples commands are as the recording's provenance says ("inputs": held or linear), else held.
     Joints without commanded torque follow their measured angles, wheels without are locked. The first state
     is the measured one; slosh and deflection, if not recorded, at rest.
-    ``progress`` is called with the time after every step.
 
     Raises:
         RecordingError: nothing was commanded, or the recording tells nothing of the motion.
@@ -128,7 +123,7 @@ def simulated_twin(
     start, stop = float(first.time[0]), float(first.time[-1])
     inputs = _inputs(model, recording)
     assert first.v is not None
-    return simulate(model, inputs, stop - start, q0=first.q[0], v0=first.v[0], start=start, progress=progress)
+    return simulate(model, inputs, stop - start, q0=first.q[0], v0=first.v[0], start=start)
 
 
 def _inputs(model: SpacecraftModel, recording: Recording) -> Inputs:

@@ -72,10 +72,8 @@ class Replay:
             poses[PREFIX] = world
         return poses
 
-    def commands(
-        self, *, play: bool = True, loop: bool = True, leave: Sequence[str] = ()
-    ) -> Iterator[Command]:
-        """Yield the meshcat commands that draw the first frame and play the rest.
+    def commands(self, *, play: bool = True, leave: Sequence[str] = ()) -> Iterator[Command]:
+        """Yield the meshcat commands that draw the first frame and play the rest, again and again.
 
         The parts whose paths are in ``leave`` are drawn and not played.
         """
@@ -89,7 +87,7 @@ class Replay:
             # a node that always moves, so that time goes on in the browser
             played["clock"] = np.tile(np.eye(4), (len(self.motion.time), 1, 1))
             played["clock"][:, 0, 3] = np.linspace(0.0, 1.0, len(self.motion.time))
-            yield animation_command(played, self.frame_rate, play=play, loop=loop)
+            yield animation_command(played, self.frame_rate, play=play)
 
 
 def replay(

@@ -39,7 +39,7 @@ def structure(tipwards: bool):
     rows = regressor.torque(q, v, a)[:, :, columns].reshape(-1, len(columns))
     names = [regressor.names[c] for c in columns]
     units = [regressor.units[c] for c in columns]
-    prefer = list(range(len(columns)))[::-1] if tipwards else None
+    prefer = list(range(len(columns)))[::-1] if tipwards else ()
     base = base_parameters(rows, names, units, prefer=prefer)
     kept = rows[:, base.independent]
     return base, columns, kept.T @ kept

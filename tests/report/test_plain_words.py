@@ -9,8 +9,6 @@ from smsid.effects import Effect, catalogue
 from smsid.report.diagnosis_tables import cause_in_words, plain_words
 from smsid.report.numbers import with_half
 
-REFERENCES = {"reference"}
-
 
 def cause(effect="joint_friction", location="joint2", shape: str | None = "viscous", **more):
     value = Value(f"{effect}_{location}.viscous", 1.5, 0.001, "N m s/rad")

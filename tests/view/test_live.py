@@ -6,18 +6,16 @@ from urllib.parse import urlsplit
 import pytest
 
 from smsid.errors import SmsidError
-from smsid.view import LiveView, build_scene, replay, show
+from smsid.view import build_scene, replay, show
 from smsid.view.server import start_server
 
 
-def test_live_view_shows_and_plays(model, trajectory, capfd):
+@pytest.mark.parametrize("plays", [False, True])
+def test_live_view_shows_and_plays(model, trajectory, plays, capfd):
     pytest.importorskip("meshcat")
-    view = LiveView(build_scene(model))
+    view = show(replay(model, trajectory, fps=5.0) if plays else build_scene(model))
     try:
         assert view.url.startswith("http")
-        view.display(model.home, force=[10.0, 0.0, 0.0])
-        view.play(replay(model, trajectory, fps=5.0))
-        assert view.scene.notes
     finally:
         view.close()
     assert capfd.readouterr().out == ""
