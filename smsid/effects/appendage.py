@@ -253,8 +253,8 @@ class BeamAppendage(Appendage):
             off = mode.frequency / plain.frequency - 1.0, mode.damping - plain.damping
             if k > 1 and any(off):
                 name = re.sub(r"\W+", "_", f"mode_error_{self.name}_{k}")  # as a diagnosis has it
-                off_by = {"frequency": off[0], "damping": off[1]}
-                out.append(ModeError(name=name, appendage=self.name, mode=k, **off_by))
+                error = ModeError(name=name, appendage=self.name, mode=k, frequency=off[0], damping=off[1])
+                out.append(error)
         return out
 
     def estimated_sigmas(self, sigma: SigmaOf, relative: SigmaOf) -> dict[str, float]:

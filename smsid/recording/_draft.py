@@ -16,7 +16,7 @@ import numpy as np
 from smsid.errors import RecordingError
 from smsid.recording import _checks
 from smsid.recording._guess import COMMANDED, Group, joined_by_quantity, joint_labels, rises_evenly
-from smsid.recording.channels import EXTRA, QUANTITIES
+from smsid.recording.channels import EXTRA, QUANTITIES, Quantity
 from smsid.recording.columns import Columns
 from smsid.recording.importing import columns_to_recording
 from smsid.recording.mapping import parse_mapping
@@ -122,11 +122,11 @@ def _entries(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Gr
         elif group.rows is not None and not group.rows.any():
             reason = "its cells are all blank"
         width = shape[1 - axis] if len(shape) == 2 else len(group.columns)
-        if group.quantity in QUANTITIES and not _fits(group.quantity, width):
-            unit = group.unit if group.unit_written else QUANTITIES[group.quantity].unit
-            group = replace(group, quantity=None, unit=unit)
-        known = group.quantity is not None and group.quantity != "current"
-        name = str(group.quantity) if known else f"{EXTRA}.{_slug(group.stem) or 'column'}"
+        usual = QUANTITIES.get(group.quantity or "")
+        if usual is not None and not _fits(usual, width):
+            group = replace(group, quantity=None, unit=group.unit if group.unit_written else usual.unit)
+            usual = None
+        name = usual.name if usual is not None else f"{EXTRA}.{_slug(group.stem) or 'column'}"
         labels = _labels(columns, group, width)
         entries.append(_Entry(name, group, clock, rows, axis, labels, reason))
     return entries
@@ -145,10 +145,9 @@ def _is_part(name: str, array: str, columns: Columns) -> bool:
     return name.startswith(f"{array}.") and columns[name].ndim == 1
 
 
-def _fits(quantity: str, width: int) -> bool:
-    dims = QUANTITIES[quantity].dims
+def _fits(quantity: Quantity, width: int) -> bool:
     sizes = {"axis": 3, "quaternion": 4}
-    return any(sizes.get(choice[-1], width) == width for choice in dims if len(choice) == 1)
+    return any(sizes.get(choice[-1], width) == width for choice in quantity.dims if len(choice) == 1)
 
 
 def _clock_of(columns: Columns, clocks: Mapping[str, ClockReport], group: Group, samples: int) -> str | None:
