@@ -71,9 +71,7 @@ def flexible_plant(model: SpacecraftModel, angles: np.ndarray) -> FlexiblePlant:
     return FlexiblePlant(reduced, damping, stiffness, names, 3 + len(model.arm_joints))
 
 
-def reduced_mass(
-    mass: np.ndarray, kept: Sequence[int] | np.ndarray, out: Sequence[int] | np.ndarray
-) -> np.ndarray:
+def reduced_mass(mass: np.ndarray, kept: Sequence[int], out: Sequence[int]) -> np.ndarray:
     """Return the mass matrix (k, k) of the coordinates ``kept``, those ``out`` eliminated by momentum."""
     coupling = mass[np.ix_(kept, out)]
     return mass[np.ix_(kept, kept)] - coupling @ np.linalg.solve(mass[np.ix_(out, out)], coupling.T)

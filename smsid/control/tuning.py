@@ -175,7 +175,7 @@ def _frequencies(plant: UncertainPlant, delta: np.ndarray, held: bool) -> tuple[
     kept = plant.kept[k:] if held else plant.kept
     # held: the base neither turns nor do joints move, but it is free to translate
     out = np.setdiff1d(np.arange(len(mass)), plant.kept)
-    reduced = reduced_mass(mass, kept, out)
+    reduced = reduced_mass(mass, kept.tolist(), out.tolist())
     values, vectors = eigh(np.diag(stiffness[kept]), reduced)
     start = 0 if held else k  # as many modes without stiffness as there are free coordinates
     flexible = slice(0, None) if held else slice(k, None)
