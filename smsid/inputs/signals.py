@@ -95,7 +95,7 @@ class Steps:
 
     def sampled(self, times: np.ndarray) -> np.ndarray:
         """Value at times (N,): (N, size)."""
-        i = np.searchsorted(self.times, times, side="right")
+        i = np.searchsorted(self.times, _with_rounding(times), side="right")
         return np.vstack([np.zeros(self.size), self.values])[i]
 
     def mapped(self, matrix: np.ndarray) -> Steps:
@@ -261,15 +261,21 @@ class Sum:
 
 
 def sample(signal: Signal, times: np.ndarray) -> np.ndarray:
-    """Return the signal at times (N,): (N, size)."""
+    """Return the signal at times (N,): (N, size); what is held jumps at its knots, whatever they round to."""
     if isinstance(signal, Sampled):
-        return np.asarray(signal.spline(times))
+        return np.asarray(signal.spline(times if signal.degree else _with_rounding(times)))
     if isinstance(signal, Sum):
         return np.sum([sample(part, times) for part in signal.parts], axis=0)
     sampled = getattr(signal, "sampled", None)
     if sampled is not None:
         return sampled(np.asarray(times, dtype=float))
     return np.array([signal(float(t)) for t in times]).reshape(len(times), signal.size)
+
+
+def _with_rounding(times: np.ndarray) -> np.ndarray:
+    """Return times (N,) a rounding later: k / 100 is often less than 0.01 k, where a command of it begins."""
+    times = np.asarray(times, dtype=float)
+    return times + 4.0 * np.spacing(np.abs(times).max(initial=0.0))
 
 
 def is_held(signal: Signal) -> bool:

@@ -79,6 +79,14 @@ def test_interpolants_go_through_their_samples(name):
     np.testing.assert_allclose(sample(signal, TIMES), values, atol=1e-12)
 
 
+def test_what_is_held_jumps_at_its_samples_by_any_clock():
+    """0.01 k and k / 100 are the same time, though they often differ in their last digit."""
+    knots, clock, values = 0.01 * np.arange(2000), np.arange(2000) / 100, np.arange(2000.0)[:, None]
+    assert np.any(clock < knots)
+    for signal in (Sampled.from_samples(knots, values, 0), Steps(tuple(knots), values)):
+        np.testing.assert_array_equal(sample(signal, clock), values)
+
+
 def test_steps_and_held_samples_take_the_right_limit():
     steps = Steps((1.0, 2.0), np.array([[3.0], [4.0]]))
     assert [steps(t)[0] for t in (0.0, np.nextafter(1.0, 0.0), 1.0, 1.5, 2.0, 9.0)] == [0, 0, 3, 3, 4, 4]
