@@ -11,6 +11,7 @@ import pinocchio as pin
 from smsid.inputs.inputs import Inputs
 from smsid.inputs.signals import Signal
 from smsid.kernel.arrays import Kernel, arrays_of
+from smsid.kernel.covariance import LONGEST, MOST
 from smsid.kernel.jit import available
 from smsid.model.inertial_forces import InertialForces
 from smsid.model.regressor import dynamic_parameters
@@ -193,7 +194,8 @@ class ProcessModel:
     def transition(self, h: float, v: np.ndarray, linear: Linear) -> tuple[np.ndarray, np.ndarray]:
         """Return F (2 nv, 2 nv) and Psi with delta(t + h) = F delta(t) + Psi forcing, forcing held.
 
-        delta = (tangent of q, v); F = exp(A h) and Psi = int_0^h exp(A s) ds to fourth order.
+        delta = (tangent of q, v); F = exp(A h) and Psi = int_0^h exp(A s) ds, to fourth order over a step
+        that is short enough, and squared, as `smsid.kernel.covariance.transition` does.
         """
         n = self.nv
         one = self._one
@@ -202,7 +204,14 @@ class ProcessModel:
         if self.free:
             a[:6, :6] = -pin.Motion(v[:6]).action
         a[n:, :n], a[n:, n:] = linear.by_q, linear.by_v
+        springs, dampers = (np.abs(x.diagonal()).sum() for x in (linear.by_q, linear.by_v))
+        steps = h * (np.sqrt(springs) + dampers) / LONGEST
+        squared = int(np.ceil(np.log2(min(steps, 2.0**MOST)))) if steps > 1.0 else 0
+        h = h / 2.0**squared
         psi = one + (h / 4.0) * a
         psi = one + (h / 3.0) * (a @ psi)
         psi = h * (one + (h / 2.0) * (a @ psi))
-        return one + a @ psi, psi
+        f = one + a @ psi
+        for _ in range(squared):
+            f, psi = f @ f, psi + f @ psi
+        return f, psi

@@ -9,6 +9,8 @@ import numpy as np
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import cross, three
 
+LONGEST, MOST = 0.5, 12  # of the fastest motion's time constant that a step may be; halvings of it
+
 
 @compiled
 def multiply(a, b, out):
@@ -119,9 +121,31 @@ def correct(p, rows, variance, off, errors, sensitivity, innovations, normalised
 
 
 @compiled
+def halvings(h, by_q, by_v):
+    """Return how often a step h [s] is halved until a series of fourth order holds for the fastest motion.
+
+    Its rate is at most that of all springs and dampers together.
+    """
+    springs, dampers, count = 0.0, 0.0, 0
+    for i in range(len(by_q)):
+        springs += abs(by_q[i, i])
+        dampers += abs(by_v[i, i])
+    share = h * (sqrt(springs) + dampers)
+    while share > LONGEST and count < MOST:
+        share, count = 0.5 * share, count + 1
+    return count
+
+
+@compiled
 def transition(h, v, by_q, by_v, free, out, forcing):
-    """Write exp(A h) (2 nv, 2 nv) to fourth order, and the part (2 nv, nv) of its integral for forces."""
+    """Write exp(A h) (2 nv, 2 nv), and the part (2 nv, nv) of its integral for forces.
+
+    To fourth order over a step that is short enough, and squared: Golub and Van Loan, Matrix Computations,
+    9.3.
+    """
     nv = len(v)
+    squared = halvings(h, by_q, by_v)
+    h = h / 2.0**squared
     width = 2 * nv
     lower, psi, product = np.empty((nv, width)), np.eye(width), np.empty((width, width))
     for r in range(nv):
@@ -151,6 +175,12 @@ def transition(h, v, by_q, by_v, free, out, forcing):
                 psi[r, c] = scale * product[r, c]
         for r in range(width):
             psi[r, r] += 1.0
+    more = np.empty((width, nv))
+    for _ in range(squared):
+        multiply(psi, forcing[:width], more)
+        forcing[:width] += more
+        multiply(psi, psi, product)
+        psi[:] = product
     for r in range(width):
         for c in range(width):
             out[r, c] = psi[r, c]

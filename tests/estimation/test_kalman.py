@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.linalg import expm
 
 from smsid.estimation.filter_pass import predict_delayed
 from smsid.estimation.kalman import _readable, run_filter
@@ -13,6 +14,7 @@ from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.problem import Timing
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
+from smsid.kernel.covariance import transition
 
 STEP = 1e-6
 
@@ -48,6 +50,34 @@ def test_linearised_step_is_that_of_differences(known):
         q1, v1 = after(x)
         columns.append(np.concatenate([pin.difference(model.pin, q0, q1), v1 - v0]) / STEP)
     np.testing.assert_allclose(transition, np.stack(columns, axis=1), atol=2e-5)
+
+
+@pytest.mark.parametrize("h", [0.01, 0.1, 1.0])
+@pytest.mark.parametrize("damping", [0.0, 100.0])
+@pytest.mark.parametrize("plain", [True, False])
+def test_a_transition_is_exact_however_fast_the_motion_is(known, h, damping, plain):
+    """A mode turns by radians from a slow sample to the next, and what friction brakes has stopped."""
+    model = known.point.base
+    nv, v = model.nv, 0.1 * np.random.default_rng(3).standard_normal(model.nv)
+    moving = ProcessModel(model, np.array([], dtype=int))
+    linear = moving.linear(0.0, model.home, v, np.zeros(nv))
+    linear.by_v[6:9, 6:9] -= damping * np.eye(3)
+    a = np.zeros((3 * nv, 3 * nv))  # with forces that stay, whose integral is beside it
+    a[:nv, nv : 2 * nv], a[nv : 2 * nv, :nv], a[nv : 2 * nv, nv : 2 * nv] = (
+        np.eye(nv),
+        linear.by_q,
+        linear.by_v,
+    )
+    a[:6, :6], a[nv : 2 * nv, 2 * nv :] = -pin.Motion(v[:6]).action, np.eye(nv)
+    exact = expm(a * h)[: 2 * nv]
+    if plain:
+        found, integral = moving.transition(h, v, linear)
+        forcing = integral[:, nv:]
+    else:
+        found, forcing = np.zeros((2 * nv, 2 * nv)), np.zeros((2 * nv, nv))
+        transition(h, v, linear.by_q, linear.by_v, True, found, forcing)
+    np.testing.assert_allclose(found, exact[:, : 2 * nv], atol=1e-3 * np.abs(exact).max())
+    np.testing.assert_allclose(forcing, exact[:, 2 * nv :], atol=1e-3 * np.abs(forcing).max())
 
 
 def test_a_step_under_a_force_that_ramps_is_the_limit_of_many_short_ones(known):
