@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.special import expit
@@ -13,6 +14,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.input_timing import timings
+from smsid.estimation.loosening import MANY
 from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Timing
@@ -20,14 +22,15 @@ from smsid.estimation.trust_region import bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
+SHARE, FURTHEST = 1.0 / 3.0, 6  # of its walk that a torque is tried with next, and how often
 NEGLIGIBLE = 0.1  # of a standard deviation, by which all parameters may differ before it is worth a note
 
 
 def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, at_rest: bool) -> Flight:
     """Return the flight with commands held, linear or both between samples, as is most likely near a point.
 
-    Where the search is ``at_rest``, straight lines and curves are judged by what the likelihood would come to
-    one step of all parameters on: inertia may make up for a wave that straight lines cut off.
+    Where the search is ``at_rest``, each way is judged by what the likelihood would come to one step of all
+    parameters on: those of a fit make up for a wrong way, as inertia for a wave that straight lines cut off.
     """
     choices = timings(flight.problem.recording)
     if len(choices) == 1:
@@ -35,9 +38,9 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
     now = flight.problem.timing
     likely: dict[Timing, float] = {}
     for timing in choices:
-        other = with_timing(flight, timing)
         try:
-            if at_rest and timing != now and {timing.hold, now.hold} <= set(VARYING):
+            other = _with_likely_walks(point, with_timing(flight, timing))
+            if at_rest:
                 here = normal_equations(point, unknowns, [other])
                 likely[timing] = predicted_gain(here, bounded_step(here)) - here.objective
             else:
@@ -48,8 +51,42 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
     either = at_rest and {best.hold, now.hold} <= set(VARYING)  # `undecided` says how far that is told
     if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEARLY):
         best = now
-    LOGGER.info("commands of '%s' taken as %s, %s", flight.label, best.hold, best.side)
+    told = ", ".join(f"{t.hold} {t.side} {x:.1f}" for t, x in likely.items())
+    LOGGER.info("commands of '%s' taken as %s, %s: %s", flight.label, best.hold, best.side, told)
     return with_timing(flight, best)
+
+
+def likelihood_with_own_walks(point: Point, flights: Sequence[Flight]) -> float:
+    """Return the log-likelihood of flights whose commands act in some way, to be held against another way."""
+    return -objective_of(point, (), [_with_likely_walks(point, f) for f in flights])
+
+
+def _with_likely_walks(point: Point, flight: Flight) -> Flight:
+    """Return the flight with torques that follow measured motion as lively as its first samples say.
+
+    What they wander is a wide guess, which an estimate bears. Between ways of commands it would decide:
+    the more of a torque's step is told by its mean, the less it costs that it could have been larger. A model
+    that may err (`loosened`) is another guess, beside which it tells nothing.
+    """
+    if flight.problem.noise.more or all(u.row < 0 for u in flight.problem.unknown_inputs):
+        return flight
+    data = flight.problem.data.first(MANY)
+
+    def wandering(factor: float) -> Flight:
+        walks = tuple(
+            replace(u, walk=u.walk * factor) if u.row >= 0 else u for u in flight.problem.unknown_inputs
+        )
+        return replace(flight, problem=replace(flight.problem, unknown_inputs=walks))
+
+    @cache
+    def likely(power: int) -> float:
+        some = wandering(SHARE**power)
+        return -objective_of(point, (), [replace(some, problem=replace(some.problem, data=data))])
+
+    power, way = 0, 1 if likely(1) > likely(0) else -1
+    while abs(power) < FURTHEST and likely(power + way) > likely(power):
+        power += way
+    return wandering(SHARE**power)
 
 
 def with_timing(flight: Flight, timing: Timing) -> Flight:

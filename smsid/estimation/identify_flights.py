@@ -13,14 +13,18 @@ from threadpoolctl import threadpool_limits
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError
-from smsid.estimation.commands_between_samples import as_commands_act, undecided, with_timing
+from smsid.estimation.commands_between_samples import (
+    as_commands_act,
+    likelihood_with_own_walks,
+    undecided,
+    with_timing,
+)
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported
-from smsid.estimation.input_hold import VARYING
 from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
 from smsid.estimation.loosening import LOOSENED, loosened, thinned
 from smsid.estimation.maximum import converged, maximise, settled
@@ -238,16 +242,14 @@ def _search(
     if tell is not None:
         tell("search with the model as it is")
     found, visited = maximise(point, unknowns, flights, tell=tell)
-    rest, before = converged(found), flights
-    flights = [
-        f
-        if fewer and f.problem.timing.hold not in VARYING
-        else as_commands_act(found.point, unknowns, f, rest)
-        for f in flights
-    ]
-    if any(a.problem.timing != f.problem.timing for a, f in zip(flights, before, strict=True)):
-        found, more = maximise(found.point, unknowns, flights, tell=tell)
-        visited += more
+    acting = [as_commands_act(found.point, unknowns, f, converged(found)) for f in flights]
+    if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
+        otherwise, more = maximise(found.point, unknowns, acting, tell=tell)
+        if likelihood_with_own_walks(otherwise.point, acting) > likelihood_with_own_walks(
+            found.point, flights
+        ):
+            found, flights = otherwise, acting
+            visited += more
     found, flights, more = finely_stepped(found, flights, tell)
     visited += more
     if not converged(found):  # so far off, better derivatives do not help
