@@ -36,14 +36,16 @@ InertiaTerm = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.nda
 class Twist:
     """A gear that gives at once: by ``angle(torque)`` [rad] under the torque handed on to the link.
 
-    That is the motor's torque less ``inertia`` [kg m^2] of the rotor times its acceleration. The rotor's rate
-    is the joint's, or ``turning(q, v)`` says what it is: its derivative by v (nv,), and what its acceleration
-    is where v stays. ``gear`` is the effect it is of, which tells two of them apart. An encoder that is not
+    ``numbers`` are those of this law as `smsid.kernel.readings.bent` has it. The torque is the motor's less
+    ``inertia`` [kg m^2] of the rotor times its acceleration. The rotor's rate is the joint's, or
+    ``turning(q, v)`` says what it is: its derivative by v (nv,), and what its acceleration is where v stays.
+    ``gear`` is the effect it is of, which tells two of them apart. An encoder that is not
     on the motor's side (``read``) sees by how much the link is left behind, and not the twist.
     """
 
     gear: Effect
     angle: Callable[[np.ndarray], np.ndarray] = field(compare=False)
+    numbers: tuple[float, float, float, float] = field(compare=False)
     inertia: float
     turning: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, float]] | None = field(
         default=None, compare=False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, Starting, Vector3, physical, register
-from smsid.effects.force_laws import ConstantForce, Depends, InertialWrench
+from smsid.effects.force_laws import ConstantForce, Depends, ForceLaw, InertialWrench
 from smsid.errors import DescriptionError
 
 TWISTED = np.zeros((9, 3))  # the vector of a matrix's antisymmetric part: yz - zy, zx - xz, xy - yx
@@ -117,22 +117,30 @@ class GravityGradient(Effect):
         assembly.add_force(_Tide(assembly.model, self))
 
 
-class _Tide:
-    """The `ForceTerm` of a gravity gradient.
+class _Tide(ForceLaw):
+    """The force law of a gravity gradient.
 
     How it depends on the state is left out: a stiffness of a few times the gradient per inertia, which
     takes an orbit's hour to show.
     """
 
-    depends: ClassVar[Depends] = ((), ())
+    law = "tide"
 
     def __init__(self, model: pin.Model, effect: GravityGradient) -> None:
         self.pin, self.gradient, self.rate = model, effect.gradient, effect.rate
         self.down, self.ahead = effect.vertical(0.0), effect.vertical(0.5 * np.pi / effect.rate)
         self.bodies: Bodies | None = None
+        super().__init__((), (), self.gradient, self.rate, self.down, self.ahead)
+
+    @property
+    def depends(self) -> Depends:
+        """Nothing."""
+        return (), ()
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
         """Add it to tau (nv,)."""
+        if t < self.start:
+            return
         if self.bodies is None:  # joints may have been added since
             self.bodies = Bodies(self.pin)
         vertical = np.cos(self.rate * t) * self.down + np.sin(self.rate * t) * self.ahead

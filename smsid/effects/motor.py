@@ -172,6 +172,11 @@ class ElasticGear(JointEffect):
         """Return the twist [rad] at rest under torques [N m] of any shape."""
         raise NotImplementedError
 
+    @property
+    def law(self) -> tuple[float, float, float, float]:
+        """Number of the law of `bent`, and its numbers, as `smsid.kernel.readings.bent` has them."""
+        raise NotImplementedError
+
     @model_validator(mode="after")
     def _rotor_has_inertia(self) -> ElasticGear:
         if not (self.quasistatic or self.rigid()) and self.motor_inertia <= 0.0:
@@ -193,7 +198,7 @@ class ElasticGear(JointEffect):
                 assembly.add_inertia_term(rotor)
             if not self.rigid():
                 turning, read = rotor.turning if rotor else None, self.encoder == "motor"
-                assembly.twists[number] = Twist(self, self.bent, inertia, turning, read)
+                assembly.twists[number] = Twist(self, self.bent, self.law, inertia, turning, read)
             return None
         joint = assembly.add_joint(None, pin.JointModelRZ(), pin.SE3.Identity(), f"{self.name}.twist")
         gear = model.joints[joint].idx_v
@@ -239,6 +244,11 @@ class GearCompliance(ElasticGear):
         """Return compliance times torque."""
         return self.compliance * torque
 
+    @property
+    def law(self) -> tuple[float, float, float, float]:
+        """The compliance."""
+        return 0.0, self.compliance, 0.0, 0.0
+
     def attach(self, assembly: Assembly) -> None:
         """Add rotor, spring and damper."""
         joint = self.twist(assembly)
@@ -283,6 +293,11 @@ class Backlash(ElasticGear):
         """
         n, x = self.sharpness, torque / self.turn_torque
         return 0.5 * self.gap * x / (1.0 + np.abs(x) ** n) ** (1.0 / n)
+
+    @property
+    def law(self) -> tuple[float, float, float, float]:
+        """Half the gap, the torque that crosses it, and how suddenly."""
+        return 1.0, 0.5 * self.gap, self.turn_torque, self.sharpness
 
     def attach(self, assembly: Assembly) -> None:
         """Add rotor and teeth."""

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import AXES, Effect, Starting, Vector3, Vector6, physical, register
 from smsid.effects.inertial_parameters import matrix_to_parameters, pseudo_inertia
-from smsid.effects.spatial import ExtraInertia, joint_jacobian
+from smsid.effects.spatial import GrowingInertia, joint_jacobian
 
 
 @register
@@ -116,12 +116,7 @@ class MassLoss(Starting):
         if joint == 0 or self.rate == 0.0:
             return
         unit = point_parameters(-self.rate, placement.act(np.asarray(self.position)))
-        start = self.start or 0.0
-
-        def parameters(t: float) -> np.ndarray | None:
-            return unit * (t - start) if t > start else None
-
-        assembly.add_inertia_term(ExtraInertia(assembly.model, joint, parameters))
+        assembly.add_inertia_term(GrowingInertia(assembly.model, joint, unit, self.start or 0.0))
 
 
 CENTRAL = ("centre", "central_inertia")  # given instead of first moment and inertia about the frame's origin

@@ -126,6 +126,14 @@ class ExtraInertia:
         return sign * data.dtau_dq, sign * data.dtau_dv
 
 
+class GrowingInertia(ExtraInertia):
+    """Inertial parameters at a joint's body that grow by ``growth`` (10,) a second from ``begun`` [s] on."""
+
+    def __init__(self, model: pin.Model, joint: int, growth: np.ndarray, begun: float) -> None:
+        self.growth, self.begun = growth, begun
+        super().__init__(model, joint, lambda t: growth * (t - begun) if t > begun else None)
+
+
 def turns(model: pin.Model, joint: int) -> bool:
     """Whether a joint of one coordinate turns, and does not slide."""
     own, data = model.joints[joint], model.joints[joint].createData()

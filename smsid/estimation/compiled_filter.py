@@ -10,7 +10,7 @@ import numpy as np
 from smsid.estimation.filter_pass import CLOSE, ROUND, Instance
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.kernel import columns as c
-from smsid.kernel.arrays import Force, Kernel
+from smsid.kernel.arrays import Force, in_axes_of_table, row_of
 from smsid.kernel.filter_arrays import Model, Parameters, TreeTables
 from smsid.kernel.readings import (
     ANGLE,
@@ -94,11 +94,11 @@ def inertial_tables(
         joint, element = int(column) // 10 + 1, int(column) % 10
         row, root = np.zeros_like(own.bodies), own.root.copy()
         root[[*range(10), c.FORCES, c.BEAMS]] = 0.0
-        if joint == 1 and free:
+        i, unit = row_of(m, free, joint), scale * np.eye(10)[element]
+        if i < 0:
             root[element] = scale
-        else:  # of a joint of several degrees of freedom the last carries the body
-            i = m.idx_vs[joint] + m.nvs[joint] - 1 - (6 if free else 0)
-            row[i, c.MASS : c.MASS + 10] = scale * _in_axes_of_table(own, i, element)
+        else:
+            row[i, c.MASS : c.MASS + 10] = in_axes_of_table(own, i, unit)
         bodies.append(row)
         roots.append(root)
     return Tables(tuple(bodies), tuple(roots), tuple((int(i), 1.0) for i in indices))
@@ -110,7 +110,7 @@ def effect_tables(changes: Sequence[Change]) -> Tables | None:
     for change in changes:
         low, high = (x.plant.kernel(balanced=False) for x in (change.low, change.high))
         seen, then = (senses_of(x.outputs) for x in (change.low, change.high))
-        if low is None or high is None or seen is None or then is None:
+        if low is None or high is None or seen is None or then is None or len(seen.twists) + len(then.twists):
             return None
         if not np.array_equal(low.tree, high.tree) or _by_load(change.low) != _by_load(change.high):
             return None
@@ -151,7 +151,7 @@ def with_parameters(
     readings change with them at any motion; applied forces change with those ``pushed``.
     """
     own, senses = base.plant.kernel(balanced=False), senses_of(base.outputs)
-    if own is None or senses is None:
+    if own is None or senses is None or len(senses.twists):
         return None
     bodies, roots = [own.bodies], [own.root]
     for table in tables:
@@ -204,18 +204,6 @@ def _same(a: Readings, b: Readings) -> bool:
     return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in (*_NUMBERS, "later", "added"))
 
 
-def _in_axes_of_table(base: Kernel, i: int, element: int) -> np.ndarray:
-    """Return the row (10,) of one unit inertial parameter of the body of row i, in the axes of the table."""
-    unit = np.zeros(10)
-    unit[element] = 1.0
-    if base.tree[i, c.TURNING] > 0:
-        return unit
-    turn = base.bodies[i, c.ROTATION : c.ROTATION + 9].reshape(3, 3)
-    xx, xy, yy, xz, yz, zz = unit[4:]
-    about = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
-    return np.r_[unit[0], turn @ unit[1:4], about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
-
-
 def senses_of(outputs: MeasurementModel) -> Readings | None:
     """Return sensors as arrays, ``None`` where one reads what compiled code does not know."""
     model, rows = outputs.model, outputs.data.rows
@@ -224,8 +212,11 @@ def senses_of(outputs: MeasurementModel) -> Readings | None:
     stations: list[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
     mixed, gain, bias = [], np.eye(rows)[None].copy(), np.zeros((1, rows))
     later, added = [], []
-    if model.twists:
-        return None
+    twists = np.zeros((len(model.twists), 7))
+    for k, (_, v, twist) in enumerate(model.twists):
+        if twist.turning is not None:
+            return None
+        twists[k] = v - start, twist.read, twist.inertia, *twist.numbers
     for block in outputs.data.blocks:
         first, r = block.rows.start, np.asarray(block.sensor.position, dtype=float)
         if block.bend is not None or (block.quantity in ("attitude", "acceleration") and not model.free):
@@ -292,4 +283,5 @@ def senses_of(outputs: MeasurementModel) -> Readings | None:
         np.array(added).reshape(len(later), rows),
         integers(late, 2),
         delay,
+        twists,
     )

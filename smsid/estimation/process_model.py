@@ -72,9 +72,10 @@ class ProcessModel:
     def kernel(self, *, balanced: bool = True) -> Kernel | None:
         """Return the arrays that compiled code takes, as `smsid.kernel.arrays.arrays_of`, or ``None``."""
         own = self.model
-        if not available() or self._growing or own.followers is not None:
+        if not available() or own.followers is not None:
             return None
-        terms = (*self._forces, *(() if own.inertial is None else own.inertial.terms))
+        inertial = () if own.inertial is None else own.inertial.terms
+        terms = (*self._forces, *inertial, *(x for x, _ in self._growing))
         return arrays_of(own, self.pin, terms, balanced=balanced)
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:

@@ -65,6 +65,17 @@ class Beam(Protocol):
     curved: np.ndarray
 
 
+@runtime_checkable
+class Growth(Protocol):
+    """Inertial parameters of a ``joint``'s body, in its axes, that grow by ``growth`` (10,) a second from
+    ``begun`` [s] on.
+    """
+
+    joint: int
+    growth: np.ndarray
+    begun: float
+
+
 @dataclass(frozen=True)
 class Kernel:
     """The arrays of a spacecraft: ``tree`` (n, 5), ``bodies`` (n, 28), ``root`` (25 + ...,), see the columns
@@ -98,10 +109,11 @@ def arrays_of(
 ) -> Kernel | None:
     """Return the arrays of a model, ``None`` for joints, springs or ``terms`` that the kernel does not know.
 
-    ``bodies`` stand for the model's own; of nonlinear terms it knows `Force` and `Beam`.
+    ``bodies`` stand for the model's own; of nonlinear terms it knows `Force`, `Beam` and `Growth`.
     ``balanced=False``: as `tree_of`.
     """
-    found = tree_of(bodies or model.pin, model.free, balanced=balanced)
+    growing = [x for x in terms if isinstance(x, Growth)]
+    found = tree_of(bodies or model.pin, model.free, balanced=balanced and not growing)
     start = 6 if model.free else 0
     if found is None or np.any(model.spring_v < start):
         return None
@@ -110,12 +122,14 @@ def arrays_of(
     forces = [x for x in terms if isinstance(x, Force)]
     beams = [x for x in terms if isinstance(x, Beam)]
     loaded = [k for x in forces if x.by_load() for k in x.rows]
-    if len(forces) + len(beams) < len(terms) or len(set(loaded)) < len(loaded):  # they see each other's
+    known = len(forces) + len(beams) + len(growing)
+    if known < len(terms) or len(set(loaded)) < len(loaded):  # they see each other's
         return None
     tables = [_force_table(x) for x in forces]
+    tables += [_growth_table(found, bodies or model.pin, model.free, x) for x in growing]
     tables += [_beam_table(found, bodies or model.pin, start, x) for x in beams]
     root = np.concatenate([found.root, *tables])
-    root[c.FORCES], root[c.BEAMS] = len(forces), len(beams)
+    root[c.FORCES], root[c.BEAMS] = len(forces) + len(growing), len(beams)
     return replace(found, root=root)
 
 
@@ -123,6 +137,29 @@ def _force_table(force: Force) -> np.ndarray:
     """Return a force as `smsid.kernel.forces` has it."""
     table = np.r_[LAWS.index(force.law), force.start, len(force.rows), force.rows, force.numbers]
     return np.r_[len(table) + 1.0, table]
+
+
+def _growth_table(own: Kernel, m: pin.Model, free: bool, term: Growth) -> np.ndarray:
+    """Return inertia that grows as `smsid.kernel.forces` has it."""
+    row = row_of(m, free, term.joint)
+    growth = term.growth if row < 0 else in_axes_of_table(own, row, term.growth)
+    table = np.r_[LAWS.index("growth"), term.begun, 0, row, 0.0, growth]
+    return np.r_[len(table) + 1.0, table]
+
+
+def row_of(m: pin.Model, free: bool, joint: int) -> int:
+    """Return the row of a joint's body, -1 for the bus: of several degrees of freedom the last carries it."""
+    return -1 if free and joint == 1 else int(m.idx_vs[joint] + m.nvs[joint] - 1 - (6 if free else 0))
+
+
+def in_axes_of_table(own: Kernel, row: int, theta: np.ndarray) -> np.ndarray:
+    """Return inertial parameters (10,) of the body of a row in the axes that the tables have them in."""
+    if own.tree[row, c.TURNING] > 0:
+        return theta
+    turn = own.bodies[row, c.ROTATION : c.ROTATION + 9].reshape(3, 3)
+    xx, xy, yy, xz, yz, zz = theta[4:]
+    about = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    return np.r_[theta[0], turn @ theta[1:4], about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
 
 
 def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray:

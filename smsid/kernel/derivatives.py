@@ -11,7 +11,7 @@ import numpy as np
 
 from smsid.kernel.beams import ZERO, add_beam_derivatives
 from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FORCES, FREE, PARENT, STIFFNESS, TIME
-from smsid.kernel.forces import UNITS, add_forces
+from smsid.kernel.forces import UNITS, add_forces, add_tides
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
 from smsid.kernel.spatial import (
@@ -36,7 +36,7 @@ def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out)
     of which friction may go by the applied ones, ``load`` (nv,).
     """
     outward(tree, bodies, root, angles, v, a, gravity, work)
-    axes, forces, n = work[2], work[5], len(tree)
+    axes, forces, inertias, n = work[2], work[5], work[6], len(tree)
     start = 6 if root[FREE] > 0.0 else 0
     for i in range(n - 1, -1, -1):
         body, k = bodies[i], start + i
@@ -47,11 +47,15 @@ def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out)
         for c in range(6):
             total += axes[i, c] * forces[i, c]
             forces[above, c] += forces[i, c]
+        if root[FORCES] > 0.0:
+            for c in range(10):
+                inertias[above, c] += inertias[i, c]
         out[k] = total
     for c in range(start):
         out[c] = forces[n, c]
     if root[FORCES] > 0.0:
         add_forces(root, angles, v, load, -1.0, out)
+        add_tides(root, work, -1.0, out)
 
 
 @compiled_and_cached

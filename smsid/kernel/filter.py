@@ -24,7 +24,7 @@ from smsid.kernel.derivatives import derivatives, inverse_dynamics
 from smsid.kernel.forces import take_force_derivatives
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, start_of_chart
-from smsid.kernel.readings import ATTITUDE, read, residual, rotation_vector
+from smsid.kernel.readings import ATTITUDE, add_twists, read, residual, rotation_vector
 from smsid.kernel.tree import acceleration, workspace
 
 DONE = -1  # what `run` returns where no sample was lost
@@ -155,6 +155,7 @@ def read_all(tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, der
         root[TIME] = now - delay
         acceleration(tree, bodies, root, there, behind, force, down, work, far)
         root[TIME] = now
+        start_of_chart(tree, root, q, angles)  # forces in inertial axes are again those of here
         read(senses, t, root, back, behind, far, there, down, derive, old, old_q, old_v, old_a)
         for row in range(first, first + count):
             h[row] = old[row]
@@ -235,6 +236,8 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
             acceleration(tree, bodies, root, angles, v, tau, gravity, work, a)
         out = h, wide[3], wide[4], by_a
         read_all(tree, bodies, root, senses, 0, q, v, a, angles, gravity, sides, corrects, out, spare, work)
+        if len(senses.twists):
+            add_twists(senses, tree, bodies, root, v, tau, a, angles, gravity, work, h)
         residual(senses, edges[k], q, values[k], attitudes[k], h, record.errors[k])
         if corrects:
             whole = record.sensitivity[k]

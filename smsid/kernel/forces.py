@@ -10,13 +10,15 @@ from math import cos, exp, sin, sqrt, tanh
 
 import numpy as np
 
-from smsid.kernel.columns import ATTITUDE, FIRST, FORCES, FREE, TIME
+from smsid.kernel.columns import ATTITUDE, FIRST, FORCES, FREE, MASS, TIME
 from smsid.kernel.jit import compiled
-from smsid.kernel.spatial import cross, plus, three
+from smsid.kernel.spatial import cross, dot, plus, six, three, times_vector
 
 LAW, START, COUNT, ROWS = 1, 2, 3, 4  # in a table
-FRICTION, CONSTANT, INERTIAL, SPRING, DRIFT, CENTRAL, SHARED, PLAY = range(8)
-LAWS = ("friction", "constant", "inertial", "spring", "drift", "central", "shared", "play")
+FRICTION, CONSTANT, INERTIAL, SPRING, DRIFT, CENTRAL, SHARED, PLAY, TIDE, GROWTH = range(10)
+LAWS = (
+    "friction", "constant", "inertial", "spring", "drift", "central", "shared", "play", "tide", "growth",
+)  # fmt: skip
 """Names of the laws, in the order of their numbers."""
 UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PROBE = 1e-6  # step of the differences, as of nonlinear forces elsewhere
@@ -103,6 +105,61 @@ def add_forces(root, angles, v, tau, sign, out):
 
 
 @compiled
+def add_tides(root, work, sign, out):
+    """Add the gradients of gravity, times a sign, to ``out`` (nv,).
+
+    The inertias in ``work`` have to be composite: of each body with all that it carries.
+    """
+    axes, inertias, n, at = work[2], work[6], len(work[2]), FIRST
+    for _ in range(int(root[FORCES])):
+        k = at + ROWS
+        if int(root[at + LAW]) == TIDE and root[TIME] >= root[at + START]:
+            size, turned = sign * root[k], root[k + 1] * root[TIME]
+            down, ahead = in_body_axes(root, three(root, k + 2)), in_body_axes(root, three(root, k + 5))
+            c, s = cos(turned), sin(turned)
+            r = plus((c * down[0], c * down[1], c * down[2]), s, ahead)
+            whole = inertias[n]
+            centre = whole[1] / whole[0], whole[2] / whole[0], whole[3] / whole[0]
+            for i in range(n + 1):
+                own = inertias[i]
+                h, (xx, xy, yy, xz, yz, zz) = three(own, 1), six(own, 4)
+                away = plus(h, -own[0], centre)
+                pull = 3.0 * dot(r, away)
+                spread = times_vector(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), r)
+                twist = cross(r, plus(spread, dot(r, centre), h))
+                across = cross(h, centre)
+                if i < n:
+                    for j in range(3):
+                        force, moment = pull * r[j] - away[j], 3.0 * twist[j] + across[j]
+                        out[len(out) - n + i] += size * (axes[i, j] * force + axes[i, 3 + j] * moment)
+                else:
+                    for j in range(3):
+                        out[j] += size * (pull * r[j] - away[j])
+                        out[3 + j] += size * (3.0 * twist[j] + across[j])
+        at += int(root[at])
+
+
+@compiled
+def grow(bodies, root):
+    """Give bodies whose inertia grows in time what they have now: a row, -1 the bus, the time that it has
+    grown until now, and what it grows by in a second (10,).
+    """
+    at = FIRST
+    for _ in range(int(root[FORCES])):
+        if int(root[at + LAW]) == GROWTH:
+            k = at + ROWS
+            row, grown = int(root[k]), max(root[TIME] - root[at + START], 0.0)
+            more = grown - root[k + 1]
+            for c in range(10):
+                if row < 0:
+                    root[c] += more * root[k + 2 + c]
+                else:
+                    bodies[row, MASS + c] += more * root[k + 2 + c]
+            root[k + 1] = grown
+        at += int(root[at])
+
+
+@compiled
 def take_differences(root, at, angles, v, tau, here, then, x, start, out):
     """Take away how a force that is ``here`` (nv,) changes with ``x``, which is ``angles`` or ``v``."""
     n = int(root[at + COUNT])
@@ -135,7 +192,7 @@ def take_force_derivatives(root, angles, v, tau, by_q, by_v):
                     for r in range(3):
                         by_q[r, 3 + c] -= df[r]
                         by_q[3 + r, 3 + c] -= dm[r]
-        elif law != CONSTANT:
+        elif n and law != CONSTANT:
             here[:] = 0.0
             add_force(root, at, angles, v, tau, 1.0, here)
             take_differences(root, at, angles, v, tau, here, then, angles, start, by_q)

@@ -10,8 +10,10 @@ import numpy as np
 from smsid.kernel.columns import FREE
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import cross, dot, plus, three, turned
+from smsid.kernel.tree import assemble, solve_tree
 
 ANGLE, TURN_RATE = range(2)  # kinds of scalar readings
+COMPLIANCE, GAP = range(2)  # laws of a gear that gives at once
 POSITION, ATTITUDE, VELOCITY, ANGULAR_RATE = range(4)  # kinds of readings of the bus, three rows each
 TINY = 1e-12  # sine of half an angle below which a rotation vector is linear in it
 
@@ -25,7 +27,9 @@ class Readings(NamedTuple):
     for none, and drawn in by ``drawn`` (T, n, m, m) along ``axes`` (T, n, 3). Readings of ``mixed`` (n, 2)
     rows (first, count) are ``gain`` (T, rows, rows) times ideal ones and ``bias`` (T, rows), to which
     ``added`` (n, rows) comes ``later`` (n,) [s]. Those of ``late`` (n, 2) rows are late by the ``delay``
-    (T, rows) [s] of the first of them.
+    (T, rows) [s] of the first of them. Gears that give at once are ``twists`` (n, 7): row of the joint in
+    the tree, whether its encoder reads the twist, inertia of the rotor, and as `bent` has them the law and
+    its three numbers.
     """
 
     scalars: np.ndarray
@@ -44,12 +48,47 @@ class Readings(NamedTuple):
     added: np.ndarray
     late: np.ndarray
     delay: np.ndarray
+    twists: np.ndarray
 
 
 @compiled
 def unit(c):
     """Return a unit vector."""
     return (1.0 if c == 0 else 0.0), (1.0 if c == 1 else 0.0), (1.0 if c == 2 else 0.0)
+
+
+@compiled
+def bent(twist, torque):
+    """Return by how much a gear gives under a torque: in proportion to it, or as a gap does."""
+    if twist[3] == COMPLIANCE:
+        return twist[4] * torque
+    x = torque / twist[5]
+    return twist[4] * x / (1.0 + abs(x) ** twist[6]) ** (1.0 / twist[6])
+
+
+@compiled
+def add_twists(senses, tree, bodies, root, v, tau, a, angles, gravity, work, h):
+    """Add to encoders what they see of gears that give at once: `SpacecraftModel.encoder_twist`."""
+    start, n = 6 if root[FREE] > 0.0 else 0, len(senses.twists)
+    behind, turned_by = np.empty(len(v)), np.empty(n)
+    assemble(tree, bodies, root, angles, v, tau, gravity, work, behind)
+    behind[:] = 0.0
+    for k in range(n):
+        twist = senses.twists[k]
+        i = start + int(twist[0])
+        turned_by[k] = bent(twist, tau[i] - twist[2] * a[i])
+        behind[i] += twist[2] * turned_by[k]
+    solve_tree(tree, start > 0, work[7], work[8], work[9], behind)
+    for row, kind, joint, _ in senses.scalars:
+        if kind != ANGLE:
+            continue
+        ahead = -behind[start + joint]
+        for k in range(n):
+            if int(senses.twists[k, 0]) == joint:
+                ahead += senses.twists[k, 1] * turned_by[k]
+        for other, what, _, _ in senses.scalars:
+            if what == ANGLE:
+                h[other] += senses.gain[0, other, row] * ahead
 
 
 @compiled

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from smsid.kernel.columns import ARMATURE, DAMPING, FORCES, FREE, GRAVITY, STIFFNESS, TIME
-from smsid.kernel.forces import add_forces
+from smsid.kernel.forces import add_forces, add_tides
 from smsid.kernel.jit import compiled, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, move_bus, start_of_chart
 from smsid.kernel.spatial import cross, dot, plus, six, three, turned, wrench
@@ -31,6 +31,7 @@ def external_rates(bodies, root, pose, angles, v, tau, work, factor, out):
     if root[FORCES] > 0.0:
         applied, tau = tau, tau.copy()
         add_forces(root, angles, v, applied, 1.0, tau)
+        add_tides(root, work, 1.0, tau)
     for i in range(len(v)):
         power += v[i] * tau[i]
     for i in range(n):

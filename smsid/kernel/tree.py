@@ -34,7 +34,7 @@ from smsid.kernel.columns import (
     STIFFNESS,
     TURNING,
 )
-from smsid.kernel.forces import add_forces
+from smsid.kernel.forces import add_forces, add_tides, grow
 from smsid.kernel.jit import compiled
 from smsid.kernel.spatial import (
     about_origin,
@@ -84,6 +84,8 @@ def outward(tree, bodies, root, angles, v, vdot, gravity, work):
     """
     turns, places, axes, velocities, accelerations, forces, inertias = work[:7]
     n = len(tree)
+    if root[FORCES] > 0.0:
+        grow(bodies, root)
     free = root[FREE] > 0.0
     here = (0.0, 0.0, 0.0)
     # row n is the bus
@@ -228,6 +230,7 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
         whole[5, 3], whole[5, 4], whole[5, 5] = inertias[n, 7], inertias[n, 8], inertias[n, 9]
     if root[FORCES] > 0.0:
         add_forces(root, angles, v, tau, 1.0, out)
+        add_tides(root, work, 1.0, out)
 
 
 @compiled

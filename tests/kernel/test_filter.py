@@ -7,11 +7,15 @@ import pinocchio as pin
 import pytest
 
 from smsid.effects import (
+    Backlash,
     ExternalWrench,
     FrequencyDrift,
+    GearCompliance,
     GeometricStiffness,
+    GravityGradient,
     JointCable,
     JointFriction,
+    MassLoss,
     MotorCoupling,
     SensorScale,
     SloshNonlinearity,
@@ -193,6 +197,7 @@ FORCES = {
     "shared friction": MotorCoupling(
         name="x", joints=("joint2", "joint3"), ratios=(1.0, -0.5), viscous=0.4, coulomb=0.3, smoothing=0.05
     ),
+    "tide": GravityGradient(name="x", gradient=0.2, nadir=(0.6, 0.0, -0.8), turn=(0.1, -0.3, 0.2)),
 }
 
 
@@ -207,6 +212,35 @@ def test_a_pass_with_other_forces_is_the_plain_one(crafts, law):
     tau = np.zeros(craft.nv)
     force(3.0 * STEP, q, v, tau)
     assert np.abs(tau).max() > 1e-3
+
+
+@pytest.mark.parametrize("frame", (None, "link2", "tool"))
+@pytest.mark.parametrize("start", (None, 1.6 * STEP))
+def test_a_pass_with_a_mass_that_falls_is_the_plain_one(crafts, frame, start):
+    craft = crafts["paper"]
+    leak = MassLoss(name="x", frame=frame, position=(0.3, -0.1, 0.2), rate=2.0, start=start)
+    description = with_errors(craft.description.with_effects(leak), SENSED["late"])
+    assert_passes_are_the_same(craft, description)
+
+
+GEARS = {
+    "gives": GearCompliance(
+        name="x", joint="joint2", compliance=2e-3, motor_inertia=0.6, inertia_in_link=True, quasistatic=True
+    ),
+    "gives, seen from the link": GearCompliance(
+        name="x", joint="joint2", compliance=2e-3, motor_inertia=0.6, encoder="link", quasistatic=True
+    ),
+    "gap": Backlash(name="x", joint="joint3", gap=0.02, motor_inertia=0.3, turn_torque=0.2, quasistatic=True),
+}
+
+
+@pytest.mark.parametrize("gear", GEARS)
+@pytest.mark.parametrize("sensed", SENSED)
+def test_a_pass_with_gears_that_give_at_once_is_the_plain_one(crafts, gear, sensed):
+    craft = crafts["paper"]
+    description = with_errors(craft.description.with_effects(GEARS[gear]), SENSED[sensed])
+    assert build_model(description).twists
+    assert_passes_are_the_same(craft, description)
 
 
 def test_teeth_of_a_gear_are_the_plain_ones(crafts):
