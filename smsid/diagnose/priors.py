@@ -128,7 +128,7 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
             description=[u.name for u in found][:10],
         )
     joint = _joint_prior(point, estimate, combinations, found, notes)
-    unknowns = (*found, *_sensor_errors(point, further))
+    unknowns = (*found, *sensor_errors(point, further))
     return Nominal(point, unknowns, joint, len(combinations), sources, tuple(notes))
 
 
@@ -226,7 +226,7 @@ def _moved_to(point: Point, estimate: Estimate | None, notes: list[str]) -> Poin
     return replace(point, inertial=inertial)
 
 
-def _sensor_errors(point: Point, further: Sequence[str]) -> list[Unknown]:
+def sensor_errors(point: Point, further: Sequence[str] = ()) -> list[Unknown]:
     """Return the errors of sensors that the description states, of every recording its own."""
     sensors = point.description.sensor
     channels = {f"{s.name}.{q}" for s in sensors for q in s.quantities}

@@ -10,11 +10,14 @@ import numpy as np
 
 from smsid.diagnose.open_loop import open_loop
 from smsid.diagnose.outliers import outliers
+from smsid.diagnose.priors import sensor_errors
 from smsid.diagnose.sensor_faults import Fault, drop_samples, stuck_channels
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.input_hold import locked
+from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
+from smsid.estimation.map_estimate import fit
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem
@@ -22,6 +25,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
+OWN = 4  # steps at most that a recording's own errors of sensors are fitted in
 SETTLE = 5.0  # [s] of a recording that a plot of an open-loop simulation takes its start from
 
 
@@ -123,8 +127,9 @@ def read_like(
     """Return a model and a recording that was not searched as its problem, thinned to ``rate`` [Hz].
 
     Noise levels are those of another problem, ``like``, where that has the channel. ``stuck`` components
-    are left out where they are.
+    are left out where they are. Stated errors of sensors, which every recording has its own of, are fitted.
     """
+    point, own = replace(point, biases={}), sensor_errors(point)
     model = point.model()
     whole = measurements_of(model, recording, point.description.effective_sensors())
     if stuck:
@@ -133,7 +138,8 @@ def read_like(
     known = dict(zip(like.data.names, like.data.sigma, strict=True))
     sigma = np.array([known.get(n, s) for n, s in zip(fresh.names, fresh.sigma, strict=True)])
     data, held = replace(fresh, sigma=sigma), locked(model, recording)
-    return model, replace(like, recording=recording, data=data, locked=held, parts=())
+    problem = replace(like, recording=recording, data=data, locked=held, parts=())
+    return model, at_point(fit(point, own, problem, iterations=OWN).point, problem) if own else problem
 
 
 def _simulated(model: SpacecraftModel, problem: Problem) -> FilterRun | None:

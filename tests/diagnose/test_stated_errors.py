@@ -61,3 +61,15 @@ def test_every_recording_has_its_own_stated_errors(tmp_path):
     made = diagnose(flights[0][0], [one, two], validation=[three.with_role("validation")]).diagnosis
     assert made.verdict == "adequate", made.sentence
     assert made.gain is not None, made.gain_reason
+
+
+def test_a_validation_flight_has_errors_of_sensors_of_its_own(tmp_path):
+    """With those of the flight that was searched, a sound model left twice the noise and more on another."""
+    stated = {"scale_sigma": 3e-3, "misalignment_sigma": 3e-3}
+    flights = [flown(tmp_path, True, stated=lambda d: with_gyro(d, **stated), seed=seed) for seed in (1, 2)]
+    (description, one), (_, two) = flights
+    held_out = two.with_name("two").with_role("validation")
+    found = diagnose(description, [one.with_name("one")], validation=[held_out]).diagnosis
+    assert found.gain is not None, found.gain_reason
+    whitened = found.gain.whitened_given, found.gain.whitened_nominal, found.gain.whitened_extended
+    assert whitened == pytest.approx((1.0, 1.0, 1.0), abs=0.05)
