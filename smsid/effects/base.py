@@ -65,8 +65,6 @@ class Effect(Table):
     summary: ClassVar[str] = ""  # for the reference
     in_words: ClassVar[str] = "{place} has an effect that the description lacks ({kind})"  # of a diagnosis
     family: ClassVar[str] = "other"  # groups effects that are alike
-    # whether its law is nature's in size and in what it depends on only, not exactly in shape
-    shape_is_open: ClassVar[bool] = False
     aliases: ClassVar[tuple[str, ...]] = ()  # kinds that some experiments cannot tell from it
     # fields that are zero when it is not there: with these at zero it changes nothing at all
     strength: ClassVar[tuple[str, ...]] = ()
