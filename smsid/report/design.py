@@ -222,7 +222,7 @@ def signal_grids(model: SpacecraftModel, experiment: Experiment, reference: Expe
 def signal_points(signal: Signal, duration: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times (N,) and values (N, size) to draw a signal from 0 to ``duration`` [s], jumps upright."""
     jumps = np.array([t for t in signal.breakpoints if 0.0 < t < duration])
-    before = np.nextafter(jumps, 0.0)
+    before = jumps - 1e-12 * duration  # what is within rounding of a jump counts as after it
     times = np.unique(np.concatenate([np.linspace(0.0, duration, POINTS), before, jumps]))
     return times, sample(signal, times)
 
