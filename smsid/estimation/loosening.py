@@ -10,10 +10,9 @@ from smsid.estimation.flight import Flight, longest_step, longest_substep
 from smsid.estimation.problem import Problem, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
-LOOSENED = (0.3, 0.03, 0.003)
+LOOSENED = (0.3, 0.03)
 """Process noise of the first searches, as a share of what drives the motion: far from the maximum, a model
-that may err a little has a likelihood without the many maxima of one that may not. Each ends some ten
-standard deviations of the next from its maximum, from where slopes along the states still lead there."""
+that may err a little has a likelihood without the many maxima of one that may not."""
 
 MANY = 1000
 """Samples of a flight that first searches need: of more, those that the filter's linearisation does not."""
