@@ -12,6 +12,7 @@ from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath, RecordingOutput, Seed, ShowAll
 from smsid.cli.output import counting, print_parts, say, warn
 from smsid.cli.places import Writes
+from smsid.errors import SmsidError
 
 
 def simulate_command(
@@ -50,8 +51,13 @@ def simulate_command(
     from smsid.recording import save_recording
 
     model = build_model(load_description(description))
+    if experiment == "trapezoid" and controller is None:
+        raise SmsidError(
+            "'trapezoid' is a motion that a controller follows.",
+            advice="Give --controller, the JSON that `smsid control` wrote.",
+        )
     path = tracking = None
-    if controller is not None and experiment == "trapezoid":
+    if experiment == "trapezoid":
         from smsid.control.trajectory import design_motion
 
         path = design_motion(model)

@@ -248,6 +248,9 @@ def sensor_sigma(sensors: Sequence[Sensor], joints: int) -> tuple[np.ndarray, np
     sizes = {"attitude": 3, "joint_position": joints, "angular_rate": 3, "joint_velocity": joints}
     sigma = {}
     for quantity, size in sizes.items():
+        if not size:  # no joints
+            sigma[quantity] = np.zeros(0)
+            continue
         owner = next((s for s in sensors if quantity in s.quantities), None)
         if owner is None:
             raise ControlError(

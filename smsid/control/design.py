@@ -88,13 +88,18 @@ def design(
     keep clear of all come from the estimate's values and intervals.
 
     Raises:
-        ControlError: neither estimate nor uncertainty, no intervals, gains that are not positive definite, an
-            infeasible design, or one that destabilises slosh or panel.
+        ControlError: no arm, neither estimate nor uncertainty, no intervals, gains that are not positive
+            definite, an infeasible design, or one that destabilises slosh or panel.
     """
     if estimate is None and (request.uncertainty is None or request.gains is None):
         raise ControlError(
             "Without an estimate, gains and an uncertainty have to be stated.",
             advice="Pass an estimate, or both.",
+        )
+    if not build_model(description).arm_joints:
+        raise ControlError(
+            f"'{description.name}' has no arm, and weights are those of an arm's motion: what it disturbs.",
+            advice="Design on a spacecraft with an arm; `smsid.control.pd` takes gains of your own.",
         )
     identified = None if estimate is None else identified_model(description, estimate)
     model = build_model(description) if identified is None else identified.model

@@ -22,7 +22,7 @@ from smsid.control.closed_loop import Actuators, Tracking, tracking_of
 from smsid.control.controller_file import SavedController
 from smsid.control.sensed import SensedState
 from smsid.control.trajectory import Motion, Reference, check_joints
-from smsid.experiments.fly import Flight, check_plausible, check_sensors, recorded
+from smsid.experiments.fly import Flight, check_plausible, check_sensors, clock_lead, recorded
 from smsid.experiments.schema import Experiment
 from smsid.inputs.inputs import Inputs, JointMotion
 from smsid.inputs.signals import Fourier, Sampled
@@ -119,13 +119,11 @@ def fly_controlled(
     """
     check_sensors(model)
     check_plausible(model, experiment)
-    sensors = model.description.effective_sensors()
     own = {"wheel_torque": None, "joint_torque": None}
     held = {"hold_attitude": False, "lock_joints": False, "lock_wheels": False}
     plan = experiment.model_copy(update={"name": f"{experiment.name}_controlled", **own, **held})
-    lead = max([0.0, *(-s.error(q).lag for s in sensors for q in s.quantities)])
     period = 1.0 / saved.rate
-    calls = math.ceil((plan.duration + lead) * saved.rate - 1e-6)
+    calls = math.ceil((plan.duration + clock_lead(model)) * saved.rate - 1e-6)
     times = np.arange(calls + 1) / saved.rate  # as clocks of sensors are made: equal times are the same
 
     path = _joint_path(model, plan) if path is None else path
@@ -134,7 +132,7 @@ def fly_controlled(
     actuators = Actuators(model, period)
     # a generator gives `recorded` the same errors once more
     streams = NoiseStreams(copy.deepcopy(rng))
-    sensed = SensedState(model, sensors, times[-1], saved.rate, streams)
+    sensed = SensedState(model, model.description.effective_sensors(), times[-1], saved.rate, streams)
     wheels, joints = model.wheels.v, model.arm_joints.v
     asked = np.zeros((calls, len(wheels))), np.zeros((calls, len(joints)))
     outside: dict[str, Any] = {

@@ -79,7 +79,7 @@ class SensedState:
         }
         for quantity, size in sizes.items():
             owner = next((s for s in sensors if quantity in s.quantities), None)
-            if owner is None and quantity in NEEDED:
+            if owner is None and size and quantity in NEEDED:
                 raise ControlError(
                     f"No sensor measures {quantity.replace('_', ' ')}, which the controller needs.",
                     advice="Add a sensor to the description: pose, imu and encoder.",

@@ -71,14 +71,11 @@ def fly(
     Raises `ExperimentError` when the experiment does not fit the spacecraft, asks for what is not possible or
     drives a slosh mass far out of the bus, or the description has no sensors.
     """
-    sensors = model.description.effective_sensors()
     check_sensors(model)
     check_plausible(model, experiment)
     inputs = experiment.inputs()
-    # a clock that is ahead reports what happens after the end
-    lead = max([0.0, *(-s.error(q).lag for s in sensors for q in s.quantities)])
     how: dict[str, Any] = {"q0": experiment.start(model), "tolerance": tolerance, "progress": progress}
-    trajectory = simulate(model, inputs, experiment.duration + lead, **how)
+    trajectory = simulate(model, inputs, experiment.duration + clock_lead(model), **how)
     return recorded(trajectory, experiment, rng, role=role, hold_attitude=inputs.hold_attitude)
 
 
@@ -131,6 +128,12 @@ def recorded(
         if use.limit is not None:
             check_stroke(use.quantity, use.value, use.limit)
     return Flight(trajectory, recording, limit_use(model, states, hold_attitude))
+
+
+def clock_lead(model: SpacecraftModel) -> float:
+    """Return how far the clock of a sensor is ahead at most [s]: it reports what happens after the end."""
+    sensors = model.description.effective_sensors()
+    return max([0.0, *(-s.error(q).lag for s in sensors for q in s.quantities)])
 
 
 def check_sensors(model: SpacecraftModel) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import typer
-from control_cases import URDF, paper
+from control_cases import URDF, described, paper
 from test_identified_model import ARM, true_estimate, wrong_description
 from typer.testing import CliRunner
 
@@ -19,6 +19,7 @@ from smsid.control.identified_model import inertia_at
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust_term import rigid_loop
 from smsid.control.statespace import hinf_norm
+from smsid.description import Description
 from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate, classify, save_estimate
 
@@ -67,6 +68,14 @@ def test_the_command_puts_the_estimate_into_the_controller(tmp_path):
     bands = [(m["low"] / 1.25, m["high"] * 1.25) for m in document["natural_frequencies"]]
     assert len(bands) == 12 and not any(low <= w <= high for w in frequency for low, high in bands)
     assert "sampled plants unstable" in result.stdout and "panel.mode1" in result.stdout
+
+
+def test_a_craft_without_arm_is_refused_for_that():
+    """Not for the encoder that it has no joints for."""
+    sensors = [s for s in described().sensor if s.kind in ("pose", "imu", "tachometer")]
+    bare = Description(name="bare", urdf="bus.urdf", folder=URDF, wheel=described().wheel, sensor=sensors)
+    with pytest.raises(ControlError, match="has no arm"):
+        design(bare, None, DesignRequest(uncertainty=0.05), np.random.default_rng(1))
 
 
 def test_a_stated_uncertainty_needs_no_estimate(tmp_path):

@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pinocchio as pin
 import pytest
+import typer
 from control_cases import URDF, described, paper
+from typer.testing import CliRunner
 
+from smsid.cli.simulate import simulate_command
 from smsid.control.closed_loop import Actuators, track
 from smsid.control.controller_file import load_controller, save_controller
 from smsid.control.design import DesignRequest, design
@@ -18,6 +21,7 @@ from smsid.effects import ActuatorDelay, TorqueGain
 from smsid.errors import ControlError
 from smsid.experiments import Experiment, StepProfile
 from smsid.model import build_model
+from smsid.recording import load_recording
 
 RATE = 10.0
 STEPS = StepProfile(times=(0.0, 2.0, 4.0), values=((0.5, 0.0, 0.0), (0.0, -0.5, 0.0), (0.0, 0.0, 0.0)))
@@ -113,6 +117,33 @@ def test_a_controller_of_another_spacecraft_is_refused(saved):
     model = build_model(load_description(URDF / "two_arm_sms.toml"))
     with pytest.raises(ControlError, match="was designed for"):
         fly_controlled(model, load_controller(saved), THRUST, np.random.default_rng(1))
+
+
+PUSH = """\
+schema = 1
+name = "push"
+duration = 4.0
+[wheel_torque]
+kind = "constant"
+value = [0.1, 0.0, 0.0]
+"""
+
+
+def test_the_command_flies_it_and_says_what_it_leaves_out(saved, tmp_path):
+    app = typer.Typer()
+    app.command()(simulate_command)
+    made, craft = tmp_path / "made.nc", str(URDF / "paper_sms.toml")
+    (tmp_path / "push.toml").write_text(PUSH)
+    words = [craft, str(tmp_path / "push.toml"), "--controller", str(saved), "-o", str(made)]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.exception
+    assert "largest errors: attitude" in result.output
+    assert "wheel_torque of 'push' is left out" in result.output
+    recording = load_recording(made)
+    assert np.abs(recording["command.wheel_torque"][1:] - [0.1, 0.0, 0.0]).max() > 0.05
+    assert recording.provenance["controller"]["rate"] == RATE
+    refused = CliRunner().invoke(app, [craft, "trapezoid", "-o", str(tmp_path / "none.nc")])
+    assert "--controller" in str(refused.exception) and not (tmp_path / "none.nc").exists()
 
 
 def test_a_motion_beyond_the_joints_limits_is_refused(saved):
