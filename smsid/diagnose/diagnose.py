@@ -28,6 +28,7 @@ from smsid.diagnose.sensor_faults import (
     resting_channels,
     stuck_channels,
 )
+from smsid.diagnose.specification_tests import open_joints
 from smsid.diagnose.standing_causes import standing
 from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -229,6 +230,11 @@ def _diagnose(
         for q, p in pairwise(placed)
         if p.shift
     ]
+    opened = [
+        f"the shape of the friction of '{joint}' is left open: its torque errs by {size:.3g} (rms) about the "
+        "law named, which counts in the uncertainties; what else acts at that joint was not asked"
+        for joint, size in open_joints(found.last).items()
+    ]
     gone = [
         f"extended.toml is of the last recording, '{labels[-1]}': {c.label} at {c.location} is in "
         f"'{c.recording}' alone, and left out"
@@ -254,7 +260,7 @@ def _diagnose(
         noise=found.noise,
         whitened_rms={"nominal": _rms(found.nominal), "extended": _rms(found.last)},
         timing=found.seconds,
-        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *by.failed, *told, *gone) if n),
+        notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *by.failed, *opened, *told, *gone) if n),
     )
     return Diagnosed(result, extended, found, point=reached)
 

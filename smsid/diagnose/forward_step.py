@@ -27,8 +27,9 @@ from smsid.diagnose.model_comparison import (
     with_further,
 )
 from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, with_misfit
+from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
-from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory
+from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
@@ -59,15 +60,15 @@ class State:
         candidates: Sequence[Candidate],
         levels: DetectionThresholds,
         *,
-        known: Cause | None = None,
+        known: Sequence[Cause] = (),
         nominal: Fit | None = None,
     ) -> None:
-        """Begin with the nominal parameters fitted, or with one cause ``known`` beside them already.
+        """Begin with the nominal parameters fitted, or with causes ``known`` beside them already.
 
         ``nominal`` is then the fit without it, in a model that may err.
         """
         self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
-        self.causes: list[Cause] = [] if known is None else [known]
+        self.causes: list[Cause] = list(known)
         self.held: tuple[SpecificationTest, ...] = ()
         self.proven: frozenset[tuple[str, str, str]] = frozenset()
         self._nominal()
@@ -77,7 +78,7 @@ class State:
         self.failed: list[str] = []
         self._restarts = 0
         # whether the noise is finer now than when the last cause was chosen
-        self._finer = known is not None
+        self._finer = bool(known)
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}
         self.scores = self._scored()
@@ -189,11 +190,35 @@ class State:
         self._score_again(before)
         return True
 
+    def leave_open(self) -> bool:
+        """Leave open the shape of a law among the causes, where all is followed to the noise so; return
+        whether one was.
+        """
+        problem = self.current.problem
+        for cause in self.causes:
+            own = cause.score.candidate
+            if not may_be_open(own, problem):
+                continue
+            data = problem.data.scaled(1.0 / self.fitted.factors)
+            stated, at = replace(problem, data=data), (self.current.point, self.current.unknowns)
+            opened = with_open_shape(*at, stated, own, self.candidates)
+            if opened is not None:
+                found, laws = opened
+                self.causes = [*(c for c in self.causes if c.score.candidate.key[:2] != own.key[:2]), *laws]
+                self.fitted = Fitted(found, np.ones(data.rows))
+                return True
+        return False
+
     @property
     def _settled(self) -> frozenset[tuple[str, str, str]]:
-        """Keys of causes that are not judged again: where their place is unknown, or was when they were."""
-        causes, place = (c.score.candidate for c in self.causes), self.fitted.unknown
-        return frozenset(c.key for c in causes if is_at(c.location, place)) if place else self.proven
+        """Keys of causes that are not judged again: where their place is unknown, or was when they were, or
+        the shape of their law is left open, which was judged with all others of its place.
+        """
+        causes, place = [c.score.candidate for c in self.causes], self.fitted.unknown
+        judged = frozenset(c.key for c in causes if c.location in open_joints(self.current))
+        return judged | (
+            frozenset(c.key for c in causes if is_at(c.location, place)) if place else self.proven
+        )
 
     @property
     def _asked(self) -> DetectionThresholds:
@@ -301,6 +326,8 @@ class State:
         self.current.changes.by_candidate.clear()
         told = partial(_told, self.causes)
         self.fitted = refit_noise(replace(self.fitted, fit=found), strong=strong, told=told)
+        if self.fitted.misfit:
+            self.leave_open()
         if self.fitted.misfit or not counted:
             return
         self._finer = True
@@ -339,7 +366,8 @@ class State:
         """
         out = self._out | {c.score.candidate.key for c in self.causes}
         out |= {s.candidate.key for s in refused}
-        rest = [c for c in self.candidates if c.key not in out]
+        open_ = open_joints(self.current)  # what else is there, is not told from a law of unknown shape
+        rest = [c for c in self.candidates if c.key not in out and c.location not in open_]
         if self.fitted.unknown:
             elsewhere = (c for c in rest if not is_at(c.location, self.fitted.unknown))
             rest = [c for c in elsewhere if c.family not in ON_THE_BUS]

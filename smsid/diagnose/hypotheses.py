@@ -127,9 +127,9 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
                 continue
             at: dict[str, Any] = {"joint": name}
             turning = turns(model.pin, model.pin.getJointId(name))
-            rubs = partial(_one, "joint_friction", name)
+            rubs, width = partial(_one, "joint_friction", name), ["smoothing"]
             yield from rubs("viscous", at, {"viscous": 1e-3})
-            yield from rubs("coulomb", at, {"coulomb": 1e-3})
+            yield from rubs("coulomb", at, {"coulomb": 1e-3}, width)
             for shape, simpler in SIMPLER.items():
                 free = dict.fromkeys(fields_of(LAW_OF_SHAPE[shape]), 1e-3)
                 yield from rubs(shape, at, free, simpler=simpler)
@@ -145,9 +145,10 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
                     for c in _one("wheel_imbalance", name, f"{size} imbalance", {"wheel": name}, free):
                         yield recast(Imbalance, c, {"joint": model.pin.getJointId(name)})
                 continue
-            yield from rubs("load-dependent", at, {"load": 1e-3})
+            yield from rubs("load-dependent", at, {"load": 1e-3}, width)
             if turning:  # a place has no cosine
-                yield from rubs("position-dependent", at, {"position_cos": 1e-3, "position_sin": 1e-3})
+                by_place = {"position_cos": 1e-3, "position_sin": 1e-3}
+                yield from rubs("position-dependent", at, by_place, width)
             yield from _one("joint_cable", name, "cable", at, {"stiffness": 1e-3}, ["rest"])
             none = at | {"inertia": 0.0}
             yield from _one("motor_inertia", name, "motor inertia", none, {"inertia": 1e-3})

@@ -280,8 +280,7 @@ def _with_more(found: Fit, candidate: Candidate) -> Fit:
     """Return the fit with a candidate's further parameters free too where they gain what they cost: all of
     them, else those that do alone (the components of a vector together).
     """
-    more = unfitted_parameters(found, candidate)
-    price = float(np.log(found.run.samples))
+    more, price = _promising(found, candidate), float(np.log(found.run.samples))
 
     def freed(some: Sequence[Unknown]) -> tuple[float, Fit]:
         try:
@@ -310,19 +309,21 @@ def with_further(found: Fit, causes: Sequence[Cause]) -> Fit | None:
     when it was found, its place may not have paid for itself.
     """
     for cause in causes:
-        more = unfitted_parameters(found, cause.score.candidate)
-        try:
-            if not more:
-                continue
-            promised = 2.0 * (within_reach(found) - within_reach(found.with_unfitted(more)))
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("%s: nothing further: %s", cause.score.candidate.key, error)
-            continue
-        if THRESHOLDS.curved * promised > float(np.log(found.run.samples)):
-            larger = _with_more(found, cause.score.candidate)
-            if larger is not found:
-                return larger
+        larger = _with_more(found, cause.score.candidate)
+        if larger is not found:
+            return larger
     return None
+
+
+def _promising(found: Fit, candidate: Candidate) -> list[Unknown]:
+    """Return further parameters of a candidate that a fit holds, where slopes promise that they pay."""
+    more = unfitted_parameters(found, candidate)
+    try:
+        promised = 2.0 * (within_reach(found) - within_reach(found.with_unfitted(more))) if more else 0.0
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s: nothing further: %s", candidate.key, error)
+        return []
+    return more if THRESHOLDS.curved * promised > float(np.log(found.run.samples)) else []
 
 
 def wald(found: Fit, candidate: Candidate, *, held: bool = False, strength: bool = False) -> float:
@@ -346,6 +347,15 @@ def wald(found: Fit, candidate: Candidate, *, held: bool = False, strength: bool
     covariance, shift = covariance[np.ix_(told, told)], shift[told]
     sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
     return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))
+
+
+def as_fitted(score: Score, found: Fit) -> Score:
+    """Return a score as of a fit with its candidate: by Wald, where no model without it follows."""
+    own = {u.name: found.point.value(u) - u.nominal for u in found.unknowns}
+    free = zip(score.candidate.free, score.candidate.steps, strict=True)
+    return replace(
+        score, ratio=wald(found, score.candidate), estimate=np.array([own[n] / s for n, s in free])
+    )
 
 
 def strengths(candidate: Candidate) -> np.ndarray:

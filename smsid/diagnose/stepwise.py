@@ -175,7 +175,7 @@ def _begun(
             coarse = coarse_cause(point, seen, unknowns, elsewhere)
             if coarse is not None:
                 begun = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows), unknown=place))
-                return State(begun, candidates, levels, known=coarse.cause, nominal=coarse.nominal)
+                return State(begun, candidates, levels, known=coarse.causes, nominal=coarse.nominal)
     if fitted is None:
         assert lost is not None
         raise lost

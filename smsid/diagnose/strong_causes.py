@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.model_comparison import Cause, unfitted_parameters, wald
+from smsid.diagnose.model_comparison import Cause, as_fitted, unfitted_parameters
 from smsid.diagnose.noise_covariance import MISFIT, normalised_rmse
+from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.score_test import Candidate, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
@@ -36,14 +37,15 @@ LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
 
 @dataclass(frozen=True)
 class Coarse:
-    """A cause with which the model follows the recording, and the fit with it, to the noise as stated.
+    """A cause with which the model follows the recording (or two laws of one), and the fit with it, to the
+    noise as stated.
 
     ``nominal`` is of the nominal parameters as given, in a model that may err.
     """
 
     nominal: Fit
     fit: Fit
-    cause: Cause
+    causes: tuple[Cause, ...]
 
 
 def coarse_cause(
@@ -66,22 +68,24 @@ def coarse_cause(
     best_place = ahead[0][1].key[:2] if ahead else ()
     # where a model may err, laws of one effect differ less by their likelihood than by where they were begun
     tried = [(c, at) for likely, c, at in ahead if likely - nothing > close or c.key[:2] == best_place]
-    fitted = [(c, f) for c, at in tried[:TRIED] if (f := _fitted(c, at, problem, unknowns)) is not None]
+    fitted: list[tuple[Candidate, Fit, tuple[Cause, ...]]] = []
+    for c, at in tried[:TRIED]:
+        if not any(laws and c.key[:2] == own.key[:2] for own, _, laws in fitted):
+            fitted += [(c, *f) for f in [_fitted(c, at, problem, unknowns, candidates)] if f is not None]
     if not fitted:
         return None
-    candidate, found = min(fitted, key=lambda x: x[1].objective)
+    candidate, found, laws = min(fitted, key=lambda x: x[1].objective)
     try:
         nominal = evaluate(point, unknowns, loosened(point.model(), problem, SHARES[0]))
+        if laws:
+            return Coarse(nominal, found, laws)
         score = scored(nominal, [candidate], list(signatures(nominal, [candidate]).values()))[0]
     except (SmsidError, np.linalg.LinAlgError, IndexError) as error:
         LOGGER.info("%s cannot be scored: %s", candidate.key, error)
         return None
     # not against the model without it, which loses the recording, nor in one that may err: all are alike
-    ratio = wald(found, candidate)
-    own = {u.name: found.point.value(u) - u.nominal for u in found.unknowns}
-    away = [own[n] / s for n, s in zip(candidate.free, candidate.steps, strict=True)]
-    score = replace(score, ratio=ratio, estimate=np.array(away))
-    return Coarse(nominal, found, Cause(score, (), ratio))
+    score = as_fitted(score, found)
+    return Coarse(nominal, found, (Cause(score, (), score.ratio),))
 
 
 def _starts(
@@ -121,8 +125,15 @@ def _likelihood(point: Point, problem: Problem) -> float:
     return found if np.isfinite(found) else -np.inf
 
 
-def _fitted(candidate: Candidate, start: Point, problem: Problem, nominal: Sequence[Unknown]) -> Fit | None:
-    """Return a fit with less and less process noise, to none; nothing where it does not follow then.
+def _fitted(
+    candidate: Candidate,
+    start: Point,
+    problem: Problem,
+    nominal: Sequence[Unknown],
+    candidates: Sequence[Candidate],
+) -> tuple[Fit, tuple[Cause, ...]] | None:
+    """Return a fit with less and less process noise, to none, or with its causes one with the shape of its
+    law left open; nothing where it does not follow then.
 
     Nominal parameters are free only where the cause has been fitted: before, they would go anywhere.
     """
@@ -143,4 +154,8 @@ def _fitted(candidate: Candidate, start: Point, problem: Problem, nominal: Seque
         return None
     left = normalised_rmse(found.run)
     LOGGER.info("%s leaves %.3g times the noise", candidate.key, left)
-    return found if left <= MISFIT else None
+    if left <= MISFIT:
+        return found, ()
+    if not may_be_open(candidate, problem):
+        return None
+    return with_open_shape(point, unknowns, problem, candidate, candidates)  # the last fit is bent to it

@@ -138,7 +138,8 @@ def read_like(
     known = dict(zip(like.data.names, like.data.sigma, strict=True))
     sigma = np.array([known.get(n, s) for n, s in zip(fresh.names, fresh.sigma, strict=True)])
     data, held = replace(fresh, sigma=sigma), locked(model, recording)
-    problem = replace(like, recording=recording, data=data, locked=held, parts=())
+    noise = replace(like.noise, shapes=())  # open loop nothing makes up for them
+    problem = replace(like, recording=recording, data=data, locked=held, parts=(), noise=noise)
     return model, at_point(fit(point, own, problem, iterations=OWN).point, problem) if own else problem
 
 

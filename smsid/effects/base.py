@@ -65,6 +65,8 @@ class Effect(Table):
     summary: ClassVar[str] = ""  # for the reference
     in_words: ClassVar[str] = "{place} has an effect that the description lacks ({kind})"  # of a diagnosis
     family: ClassVar[str] = "other"  # groups effects that are alike
+    # fields of the shape of a law that is nature's in size and in what it depends on only
+    open_shape: ClassVar[tuple[str, ...]] = ()
     aliases: ClassVar[tuple[str, ...]] = ()  # kinds that some experiments cannot tell from it
     # fields that are zero when it is not there: with these at zero it changes nothing at all
     strength: ClassVar[tuple[str, ...]] = ()

@@ -80,6 +80,7 @@ class JointFriction(JointEffect, Starting):
         "temperature; the Coulomb torque as `tanh(rate / smoothing)`"
     )
     family = "friction"
+    open_shape = ("smoothing",)
     aliases = ("actuator_delay", "torque_gain", "torque_offset")
     strength = tuple(
         t.field
@@ -139,8 +140,8 @@ class JointFriction(JointEffect, Starting):
         description='terms to identify beside viscous and Coulomb, as in `["direction"]`; those with a value '
         "are anyway",
     )
-    smoothing: float = Field(
-        default=0.005, gt=0.0, description="rate at which the Coulomb torque reaches 76 % [rad/s]"
+    smoothing: float = physical(
+        "rad/s", lower=1e-6, default=0.005, description="rate at which the Coulomb torque reaches 76 %"
     )
 
     def asked(self) -> tuple[str, ...]:
@@ -157,7 +158,10 @@ class JointFriction(JointEffect, Starting):
             for t in TERMS
             if t.law in ON_REQUEST and t.field not in asked
         }
-        return super().held() | idle
+        known = (
+            {} if "smoothing" in self.prior else {f"{self.name}.smoothing": "known unless a prior is given"}
+        )
+        return super().held() | idle | known
 
     def with_laws(self, *laws: Law) -> JointFriction:
         """Return it with more laws to identify."""

@@ -208,6 +208,6 @@ def _input_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
     out[model.arm_joints.v], out[model.wheels.v] = noise.joint, noise.wheel
     out[problem.locked] = 0.0
     out = out**2
-    for dof, sigma in noise.more:
+    for dof, sigma in (*noise.more, *noise.shapes):
         out[dof] += sigma**2
     return out

@@ -18,6 +18,7 @@ from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
+from smsid.estimation.shape_errors import shape_errors
 from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
@@ -133,7 +134,18 @@ class Fit:
         size = np.sqrt(np.diag(gram))  # scales differ by more than pinv takes for nothing
         size = np.where(size > 0.0, size, 1.0)
         inverse = np.linalg.pinv(gram / np.outer(size, size), hermitian=True)
-        return inverse * np.outer(self.scales / size, self.scales / size)
+        found = inverse * np.outer(self.scales / size, self.scales / size)
+        for (_, sigma), slopes in zip(self.problem.noise.shapes, self._by_shape, strict=True):
+            bent = sigma * found @ (slopes / self.scales[:, None])
+            found = found + bent @ bent.T
+        return found
+
+    @cached_property
+    def _by_shape(self) -> list[np.ndarray]:
+        """Slopes (m, k) by the parameters that errors of shape of one make, for every joint that has them."""
+        flat = self.whitened.reshape(-1, len(self.unknowns)).T
+        errors = (shape_errors(self.run, dof) for dof, _ in self.problem.noise.shapes)
+        return [flat @ e.reshape(flat.shape[1], -1) for e in errors]
 
     def with_unfitted(self, more: Sequence[Unknown]) -> Fit:
         """Return the fit with further parameters that stay as they are, but are as uncertain as they are."""

@@ -33,7 +33,8 @@ class Noise:
 
     ``force`` [N], ``torque`` [N m] on the bus, ``joint`` and ``wheel`` torques [N m] (joints,), (wheels,).
     ``hidden`` are those of slosh and modal coordinates at the start [m, m/s]. ``more`` adds noise to single
-    inputs: velocity coordinate and standard deviation [N, N m].
+    inputs: velocity coordinate and standard deviation [N, N m]; ``shapes`` the same where a law of friction
+    is not known exactly in shape, so that its errors repeat with the rate (`shape_errors`).
     """
 
     force: float = 1e-6
@@ -42,6 +43,7 @@ class Noise:
     wheel: float = 1e-7
     hidden: tuple[float, float] = (1e-2, 1e-2)
     more: tuple[tuple[int, float], ...] = ()
+    shapes: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True)

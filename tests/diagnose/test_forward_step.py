@@ -56,7 +56,10 @@ def world(monkeypatch):
         changes = SimpleNamespace(by_candidate={})
         point = SimpleNamespace(description=SimpleNamespace(effect=()))
         run = SimpleNamespace(samples=100)
-        return SimpleNamespace(name=name, objective=objective, run=run, changes=changes, point=point)
+        told = {"problem": None, "run": run, "changes": changes, "point": point}
+        return SimpleNamespace(name=name, objective=objective, **told)
+
+    monkeypatch.setattr(rounds, "open_joints", lambda found: {})
 
     def signatures(fit, candidates):
         return {i: fit.name for i in range(len(candidates))}

@@ -1,0 +1,64 @@
+"""Laws whose shape is left open: what their errors do to parameters, and which law is told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from smsid.diagnose.open_shape import may_be_open
+from smsid.diagnose.score_test import Candidate
+from smsid.diagnose.specification_tests import adequacy, force_on, open_joints
+from smsid.effects import JointFriction, TorqueGain
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.sensitivities import propagate
+from smsid.estimation.shape_errors import shape_errors
+
+JOINT = "joint2"
+
+
+@pytest.fixture(scope="module")
+def opened(known, problem):
+    """The nominal fit with the torque of a joint erring by 0.01 N m."""
+    dof = dict(zip(known.point.base.arm_joints.names, known.point.base.arm_joints.v, strict=True))[JOINT]
+    noise = replace(problem.noise, shapes=((int(dof), 0.01),))
+    return evaluate(known.point, known.unknowns, replace(problem, noise=noise))
+
+
+def test_errors_of_all_octaves_together_are_a_torque_against_the_motion(opened):
+    ((dof, _),) = opened.problem.noise.shapes
+    found = shape_errors(opened.run, dof)
+    at, middle = (np.sign(s.v[:, dof]) for s in (opened.run.states, opened.run.middle))
+    (whole,) = np.moveaxis(propagate(opened.run, force_on(opened, dof, [at], [middle])), 2, 0)
+    assert found.shape[2] > 3
+    assert found.sum(axis=2) == pytest.approx(whole, abs=1e-9 * np.abs(whole).max())
+
+
+def test_an_error_of_shape_counts_in_every_interval(opened):
+    """As far as a torque that repeats with the rate, by its standard deviation, moves the estimate."""
+    ((dof, sigma),) = opened.problem.noise.shapes
+    plain = np.linalg.inv(opened.gram) * np.outer(opened.scales, opened.scales)
+    more = opened.covariance() - plain
+    errors = shape_errors(opened.run, dof).reshape(opened.whitened[..., 0].size, -1)
+    slopes = opened.whitened.reshape(len(errors), -1).T @ errors
+    bent = plain @ (slopes / opened.scales[:, None]) * sigma
+    assert np.diag(more) == pytest.approx((bent**2).sum(axis=1), rel=1e-3)
+    assert (np.diag(more) > 0.0).all()
+
+
+def test_a_torque_of_open_shape_is_not_asked_for_more(opened):
+    assert open_joints(opened) == {JOINT: 0.01}
+    asked = {t.location for t in adequacy(opened)}
+    assert JOINT not in asked
+    assert {"joint1", "joint3"} <= asked
+    past = {t.where for t in adequacy(opened) if t.dependence == "its own past"}
+    assert not any(name.endswith(f"[{JOINT}]") for name in past)
+
+
+def test_only_laws_of_nature_there_all_the_time_may_be_open(opened, problem):
+    rubs = JointFriction(name="rubs", joint=JOINT)
+    own = Candidate("joint_friction", JOINT, "friction", "coulomb", rubs, ("rubs.coulomb",), (1e-3,))
+    assert may_be_open(own, problem)
+    assert not may_be_open(own, opened.problem)  # one joint at a time
+    assert not may_be_open(replace(own, effect=rubs.model_copy(update={"start": 3.0})), problem)
+    gain = TorqueGain(name="gain", joint=JOINT)
+    assert not may_be_open(replace(own, effect=gain, free=("gain.error",)), problem)
