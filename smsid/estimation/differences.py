@@ -127,15 +127,19 @@ def _column(here: FilterRun, there: FilterRun, width: float, root: np.ndarray) -
     """Return what a change of a parameter does to the errors and to their predicted covariance S, whitened.
 
     Products of such columns are the information ``e_i' S^-1 e_j + tr(S^-1 S_i S^-1 S_j) / 2``, with e_i and
-    S_i the derivatives (Kay, *Estimation Theory*, section 3.9). ``root`` is `_root`.
+    S_i the derivatives (Kay, *Estimation Theory*, section 3.9). ``root`` is `_root`. Rows that are given are
+    what the others are expected by: how the change weighs them is part of e_i, as they were read. As large
+    as S has them, which is what an unknown input may do, they are not.
     """
+    own = ~here.given
     errors = np.where(here.used, there.errors - here.errors, 0.0)
     ratio = np.where(here.used[:, :, None], np.matmul(there.whitening, root), 0.0)
     ratio -= np.einsum("ni,ij->nij", here.used, np.eye(here.used.shape[1]))
-    ratio[:, here.given] = 0.0
+    moved = np.einsum("nij,nj->ni", here.whitening, errors)
+    moved += np.einsum("nij,nj->ni", ratio[:, :, here.given], here.innovations[:, here.given])
+    ratio = ratio[:, own][:, :, own]
     spread = (ratio + ratio.transpose(0, 2, 1)) * np.sqrt(0.5)
-    moved = np.einsum("nij,nj->ni", here.whitening, errors) * ~here.given
-    return np.concatenate([moved.ravel(), spread.ravel()]) / width
+    return np.concatenate([moved[:, own].ravel(), spread.ravel()]) / width
 
 
 def _root(run: FilterRun) -> np.ndarray:

@@ -61,6 +61,35 @@ def test_from_a_halt_it_goes_on_to_the_maximum(known, flight, unknowns):
     assert converged(end) and end.objective < at.objective
 
 
+RIGID = Satellite(wheel=0.001, tank=(1e-6, 1e-4, 1e-6), panel=(1.0, 0.1, 1e-6, -1e-6))
+
+
+def test_information_is_the_curvature_where_wheels_follow_their_measured_motion(tmp_path):
+    """Wheels that turn alike turn the craft about one axis: three combinations of its inertia are not told,
+    and no correlation with what wheels did not do tells them.
+    """
+
+    def alike(t):
+        return np.zeros(3), np.zeros(3), np.full(3, 0.3 * np.sin(0.3 * t))
+
+    flown = RIGID.fly(30.0, alike)
+    only = ("st.attitude", "gyro.acceleration", "command.force", "command.torque", "command.wheel_torque")
+    made = recorded(RIGID, flown, np.random.default_rng(5), without=only)
+    truth = guess(tmp_path, RIGID, off=0.0, tank=False, panel=False)
+    point = Point.of(truth)
+    some = [u for u in unknowns_of(point).unknowns if u.name.startswith("bus.I")]
+    flights = [flight_of(point, made, "flight")]
+    exact = differenced(normal_equations(point, some, flights), flights)
+    told, basis = np.linalg.eigh(exact.gram)
+    assert told[0] < 100.0  # 2522 with the correlations that the filter expects
+    for information, direction in zip(told[3:], basis.T[3:], strict=True):
+        step = direction * exact.scales / np.sqrt(information)
+        low, here, high = (
+            objective_of(retract(point, some, k * step), some, flights) for k in (-1.0, 0.0, 1.0)
+        )
+        assert low + high - 2.0 * here == pytest.approx(1.0, abs=0.1)
+
+
 TANKED = Satellite(panel=(1.0, 0.1, 1e-6, -1e-6))
 
 
