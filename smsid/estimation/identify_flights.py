@@ -25,7 +25,13 @@ from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported
-from smsid.estimation.likelihood_profile import BentInterval, BetterMaximum, bent_intervals
+from smsid.estimation.likelihood_profile import (
+    BentInterval,
+    BetterMaximum,
+    PosteriorOfFlights,
+    bent_intervals,
+    poorly_known,
+)
 from smsid.estimation.loosening import LOOSENED, loosened, thinned
 from smsid.estimation.maximum import converged, maximise, settled
 from smsid.estimation.normal_equations import NormalEquations
@@ -142,7 +148,15 @@ def _identify(
         covariance = np.linalg.inv(found.gram) + doubt
         gradient = np.array([r.gradient for r in rows])
         try:
-            bent = bent_intervals(found, flights, gradient, covariance, quality.widening)
+            bent = bent_intervals(
+                found,
+                PosteriorOfFlights(found.unknowns, flights),
+                poorly_known(found, covariance),
+                gradient,
+                covariance,
+                widening=quality.widening,
+                followed=not found.exact,
+            )
             break
         except BetterMaximum as better:
             found, more = maximise(better.point, unknowns, flights, tell=tell)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -18,10 +19,10 @@ from smsid._statistics import NORMAL95
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.maximum import maximise
-from smsid.estimation.normal_equations import NormalEquations, objective_of
-from smsid.estimation.parameter_vector import Point
+from smsid.estimation.normal_equations import objective_of
+from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
-from smsid.estimation.trust_region import bounded_step, predicted_gain
+from smsid.estimation.trust_region import Quadratic, bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 POORLY = 0.1  # standard deviation over value from which an effect's parameter is put to the test
@@ -77,6 +78,45 @@ class BentInterval:
     ends: tuple[float, float] | None
 
 
+class Posterior(Protocol):
+    """A log-posterior whose maximum is known, as `bent_intervals` asks for it."""
+
+    def objective(self, point: Point) -> float:
+        """Return minus the log-posterior of all parameters at a point."""
+        ...
+
+    def at_best(self, start: Point, others: Sequence[Unknown]) -> tuple[Point, float]:
+        """Return the most likely point near a start with ``others`` free, and the objective of these there.
+
+        Raises `SmsidError` where they do not come to rest.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class PosteriorOfFlights:
+    """That of several recordings."""
+
+    unknowns: tuple[Unknown, ...]
+    flights: Sequence[Flight]
+
+    def objective(self, point: Point) -> float:
+        """Return minus the log-posterior of all parameters at a point."""
+        return objective_of(point, self.unknowns, self.flights)
+
+    def at_best(self, start: Point, others: Sequence[Unknown]) -> tuple[Point, float]:
+        """Return the most likely point near a start with ``others`` free, and their objective."""
+        best, _ = maximise(start, others, self.flights, enough=REST, iterations=STEPS)
+        at_rest(best)
+        return best.point, best.objective
+
+
+def at_rest(found: Quadratic) -> None:
+    """Raise `SmsidError` where a step is left that would gain something."""
+    if predicted_gain(found, bounded_step(found)) > 5.0 * REST:
+        raise SmsidError("The other parameters do not come to rest.", advice="Take a shorter step.")
+
+
 class BetterMaximum(Exception):
     """A ``point`` that is more likely than what was taken for the maximum: a search goes on from there."""
 
@@ -86,24 +126,28 @@ class BetterMaximum(Exception):
 
 
 def bent_intervals(
-    found: NormalEquations,
-    flights: Sequence[Flight],
+    found: Quadratic,
+    posterior: Posterior,
+    doubtful: Sequence[int],
     gradient: np.ndarray,
     covariance: np.ndarray,
-    widening: float,
+    *,
+    widening: float = 1.0,
+    followed: bool = True,
+    more: float = MORE,
 ) -> dict[int, BentInterval]:
     """Return profile intervals of rows (rows, m) of ``gradient`` whose Gaussian ones do not hold, by row.
 
     ``covariance`` (m, m) is that of the unknowns, both in units of their scales, ``widening`` the factor on
-    standard deviations. Parameters of effects that are poorly known are followed until the likelihood has
-    fallen by 1.92, all others re-estimated; quantities that have most of their variance through one of them
-    take their interval from there. Where searches along the filter's states do not come to the maximum
-    (`NormalEquations.exact`), parameters are not followed, and intervals have no ends.
+    standard deviations. Parameters that are ``doubtful`` (`poorly_known`) are followed until the likelihood
+    has fallen by 1.92, all others re-estimated; quantities that have most of their variance through one of
+    them take their interval from there. Where searches along the filter's states do not come to the maximum
+    (`NormalEquations.exact`), parameters are not ``followed``, and intervals have no ends.
 
-    Raises `BetterMaximum` when a more likely point is met on the way.
+    Raises `BetterMaximum` when a point is met on the way that is more likely by ``more``.
     """
     fall = 0.5 * (NORMAL95 * widening) ** 2
-    profiles = _profiles(found, flights, covariance, fall)
+    profiles = _Follower(found, posterior, covariance, fall, followed, more).profiles(doubtful)
     out: dict[int, BentInterval] = {}
     if not profiles:
         return out
@@ -113,12 +157,12 @@ def bent_intervals(
         most = int(np.argmax(shares))
         if v > 0.0 and shares[most] > MOST * v:
             best = profiles[most]
-            ends = None if found.exact else best.interval(row, v - shares[most], fall)
+            ends = best.interval(row, v - shares[most], fall) if followed else None
             out[k] = BentInterval(best.name, ends)
     return out
 
 
-def poorly_known(found: NormalEquations, covariance: np.ndarray) -> list[int]:
+def poorly_known(found: Quadratic, covariance: np.ndarray) -> list[int]:
     """Return the parameters of effects, zero at least, that are known to `POORLY` or worse; worst first.
 
     ``covariance`` (m, m) is that of the unknowns, in their scales.
@@ -131,59 +175,107 @@ def poorly_known(found: NormalEquations, covariance: np.ndarray) -> list[int]:
     return sorted((i for i, s in share.items() if s > POORLY), key=lambda i: -share[i])
 
 
-def _profiles(
-    found: NormalEquations, flights: Sequence[Flight], covariance: np.ndarray, fall: float
-) -> list[Profile]:
-    left, out = poorly_known(found, covariance), []
-    while left:
-        i = left.pop(0)
-        if not _is_bent(found, flights, covariance, i, fall):
-            continue
-        out.append(_profile(found, flights, covariance, i, fall))
-        size = np.sqrt(np.diag(covariance))
-        # what goes with it is followed with it
-        left = [j for j in left if (covariance[i, j] / (size[i] * size[j])) ** 2 < MOST]
-    return out
+@dataclass(frozen=True)
+class _Follower:
+    found: Quadratic
+    posterior: Posterior
+    covariance: np.ndarray
+    fall: float
+    followed: bool
+    more: float
 
+    def profiles(self, doubtful: Sequence[int]) -> list[Profile]:
+        left, out = list(doubtful), []
+        while left:
+            i = left.pop(0)
+            if not self.is_bent(i):
+                continue
+            out.append(self.profile(i))
+            size = np.sqrt(np.diag(self.covariance))
+            # what goes with it is followed with it
+            left = [j for j in left if (self.covariance[i, j] / (size[i] * size[j])) ** 2 < MOST]
+        return out
 
-def _is_bent(
-    found: NormalEquations, flights: Sequence[Flight], covariance: np.ndarray, i: int, fall: float
-) -> bool:
-    """Whether the likelihood falls otherwise than a Gaussian at the ends of a parameter's interval."""
-    column = covariance[:, i] / np.sqrt(covariance[i, i])
-    for side in (1.0, -1.0):
-        try:
-            point = retract(found.point, found.unknowns, side * np.sqrt(2.0 * fall) * column * found.scales)
-            if not point.physical():
+    def is_bent(self, i: int) -> bool:
+        """Whether the likelihood falls otherwise than a Gaussian at the ends of a parameter's interval."""
+        found, fall = self.found, self.fall
+        column = self.covariance[:, i] / np.sqrt(self.covariance[i, i])
+        for side in (1.0, -1.0):
+            try:
+                step = side * np.sqrt(2.0 * fall) * column * found.scales
+                point = retract(found.point, found.unknowns, step)
+                if not point.physical():
+                    return True
+                there = self.posterior.objective(point) - found.objective
+            except (SmsidError, np.linalg.LinAlgError):
                 return True
-            there = objective_of(point, found.unknowns, flights) - found.objective
-        except (SmsidError, np.linalg.LinAlgError):
-            return True
-        if not (1.0 - BENT) ** 2 * fall < there < (1.0 + BENT) ** 2 * fall:
-            return True
-    return False
+            if not (1.0 - BENT) ** 2 * fall < there < (1.0 + BENT) ** 2 * fall:
+                return True
+        return False
 
+    def profile(self, i: int) -> Profile:
+        """Return the profile along unknown ``i``, a little beyond the ``fall`` of the log-posterior."""
+        m, name = len(self.found.unknowns), self.found.unknowns[i].name
+        if not self.followed:
+            return Profile(name, i, np.zeros((1, m)), np.zeros(1), (True, True))
+        known: list[tuple[np.ndarray, float]] = [(np.zeros(m), 0.0)]
+        open_ = []
+        for side in (-1.0, 1.0):
+            points, closed = self.side(i, side)
+            known += points
+            open_.append(not closed)
+        known.sort(key=lambda x: x[0][i])
+        changes, falls = np.array([c for c, _ in known]), np.array([f for _, f in known])
+        # falls that grow no more on the way out are no profile: kept are those that do
+        zero = int(np.flatnonzero((changes == 0.0).all(axis=1))[0])
+        keep = [k for k in range(len(known)) if k == zero or falls[k] > _inner(falls, zero, k)]
+        LOGGER.info("profile along %s: falls %s", name, np.round(falls, 2).tolist())
+        return Profile(name, i, changes[keep], falls[keep], (open_[0], open_[1]))
 
-def _profile(
-    found: NormalEquations, flights: Sequence[Flight], covariance: np.ndarray, i: int, fall: float
-) -> Profile:
-    """Return the profile along unknown ``i``, a little beyond a ``fall`` of the log-posterior."""
-    m, name = len(found.unknowns), found.unknowns[i].name
-    if found.exact:
-        return Profile(name, i, np.zeros((1, m)), np.zeros(1), (True, True))
-    known: list[tuple[np.ndarray, float]] = [(np.zeros(m), 0.0)]
-    open_ = []
-    for side in (-1.0, 1.0):
-        points, closed = _side(found, flights, covariance, i, side, fall)
-        known += points
-        open_.append(not closed)
-    known.sort(key=lambda x: x[0][i])
-    changes, falls = np.array([c for c, _ in known]), np.array([f for _, f in known])
-    # falls that grow no more on the way out are no profile: kept are those that do
-    zero = int(np.flatnonzero((changes == 0.0).all(axis=1))[0])
-    keep = [k for k in range(len(known)) if k == zero or falls[k] > _inner(falls, zero, k)]
-    LOGGER.info("profile along %s: falls %s", name, np.round(falls, 2).tolist())
-    return Profile(name, i, changes[keep], falls[keep], (open_[0], open_[1]))
+    def side(self, i: int, side: float) -> tuple[list[tuple[np.ndarray, float]], bool]:
+        """Return changes (m,) and falls to one side, and whether the log-posterior falls by `fall` there."""
+        found, unknown, root = self.found, self.found.unknowns[i], float(np.sqrt(self.fall))
+        sigma = float(np.sqrt(self.covariance[i, i])) * unknown.scale
+        here, value = found.point, found.point.value(unknown)
+        known = [(value, 0.0)]
+        out: list[tuple[np.ndarray, float]] = []
+        wanted = value + side * np.sqrt(2.0) * root * sigma
+        for _ in range(LOOKS):
+            try:
+                at, fell = self.at_best(i, here, wanted)
+            except (SmsidError, np.linalg.LinAlgError) as error:
+                LOGGER.info("%s = %.4g: %s", unknown.name, wanted, error)
+                wanted = 0.5 * (wanted + known[-1][0])
+                continue
+            here, value = at, at.value(unknown)
+            if fell < -self.more:
+                raise BetterMaximum(at)
+            known.append((value, float(np.sqrt(max(fell, 0.0)))))
+            out.append((_change(found, at), fell))
+            if root <= known[-1][1] < BEYOND * root or value == known[-2][0]:
+                break  # far enough, or at its bound
+            aim = 0.5 * (1.0 + BEYOND) * root
+            (x0, y0), (x1, y1) = sorted(known, key=lambda p: abs(p[1] - aim))[:2]
+            slope = side * (y1 - y0) / (x1 - x0) if x1 != x0 else 0.0
+            most = 2.0 * abs(x0 - known[0][0]) + sigma
+            wanted = x0 + side * (min((aim - y0) / slope, most) if slope > 0.0 else most)
+        return out, max(y for _, y in known) >= root
+
+    def at_best(self, i: int, near: Point, value: float) -> tuple[Point, float]:
+        """Return the most likely point with unknown ``i`` near a value, and by how much less likely it is.
+
+        Raises `SmsidError` where no such spacecraft can be, or the others do not come to rest.
+        """
+        unknowns = self.found.unknowns
+        step = (value - near.value(unknowns[i])) / unknowns[i].scale
+        column = self.covariance[:, i] / self.covariance[i, i]
+        start = retract(near, unknowns, step * column * self.found.scales)
+        if not start.physical():
+            raise SmsidError("No such spacecraft can be.", advice="Take a shorter step.")
+        others = [u for k, u in enumerate(unknowns) if k != i]
+        point, objective = self.posterior.at_best(start, others)
+        own = 0.5 * ((point.value(unknowns[i]) - unknowns[i].nominal) / unknowns[i].sigma) ** 2
+        return point, objective + own - self.found.objective
 
 
 def _inner(falls: np.ndarray, zero: int, k: int) -> float:
@@ -192,67 +284,5 @@ def _inner(falls: np.ndarray, zero: int, k: int) -> float:
     return float(between.max())
 
 
-def _side(
-    found: NormalEquations,
-    flights: Sequence[Flight],
-    covariance: np.ndarray,
-    i: int,
-    side: float,
-    fall: float,
-) -> tuple[list[tuple[np.ndarray, float]], bool]:
-    """Return changes (m,) and falls to one side, and whether the log-posterior falls by ``fall`` there."""
-    unknown, root = found.unknowns[i], float(np.sqrt(fall))
-    sigma = float(np.sqrt(covariance[i, i])) * unknown.scale
-    here, value = found.point, found.point.value(unknown)
-    known = [(value, 0.0)]
-    out: list[tuple[np.ndarray, float]] = []
-    wanted = value + side * np.sqrt(2.0) * root * sigma
-    for _ in range(LOOKS):
-        try:
-            at, fell = _at_best(found, flights, covariance, i, here, wanted)
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("%s = %.4g: %s", unknown.name, wanted, error)
-            wanted = 0.5 * (wanted + known[-1][0])
-            continue
-        here, value = at, at.value(unknown)
-        if fell < -MORE:
-            raise BetterMaximum(at)
-        known.append((value, float(np.sqrt(max(fell, 0.0)))))
-        out.append((_change(found, at), fell))
-        if root <= known[-1][1] < BEYOND * root or value == known[-2][0]:
-            break  # far enough, or at its bound
-        aim = 0.5 * (1.0 + BEYOND) * root
-        (x0, y0), (x1, y1) = sorted(known, key=lambda p: abs(p[1] - aim))[:2]
-        slope = side * (y1 - y0) / (x1 - x0) if x1 != x0 else 0.0
-        most = 2.0 * abs(x0 - known[0][0]) + sigma
-        wanted = x0 + side * (min((aim - y0) / slope, most) if slope > 0.0 else most)
-    return out, max(y for _, y in known) >= root
-
-
-def _at_best(
-    found: NormalEquations,
-    flights: Sequence[Flight],
-    covariance: np.ndarray,
-    i: int,
-    near: Point,
-    value: float,
-) -> tuple[Point, float]:
-    """Return the most likely point with unknown ``i`` near a value, and by how much less likely it is.
-
-    Raises `SmsidError` where no such spacecraft can be, or the others do not come to rest.
-    """
-    unknowns = found.unknowns
-    step = (value - near.value(unknowns[i])) / unknowns[i].scale
-    start = retract(near, unknowns, step * covariance[:, i] / covariance[i, i] * found.scales)
-    if not start.physical():
-        raise SmsidError("No such spacecraft can be.", advice="Take a shorter step.")
-    others = [u for k, u in enumerate(unknowns) if k != i]
-    best, _ = maximise(start, others, flights, enough=REST, iterations=STEPS)
-    if predicted_gain(best, bounded_step(best)) > 5.0 * REST:
-        raise SmsidError("The other parameters do not come to rest.", advice="Take a shorter step.")
-    own = 0.5 * ((best.point.value(unknowns[i]) - unknowns[i].nominal) / unknowns[i].sigma) ** 2
-    return best.point, best.objective + own - found.objective
-
-
-def _change(found: NormalEquations, point: Point) -> np.ndarray:
+def _change(found: Quadratic, point: Point) -> np.ndarray:
     return np.array([(point.value(u) - found.point.value(u)) / u.scale for u in found.unknowns])
