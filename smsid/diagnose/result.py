@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+import numpy as np
+
 from smsid._files import atomic_write, json_ready
 from smsid._listing import some_of
 from smsid._reading import read_json
@@ -36,11 +38,23 @@ class Value:
     sigma: float
     unit: str
     nominal: float | None = None
+    profile: tuple[float, float] | None = None
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval, Gaussian."""
+        """The 95 % interval: of the likelihood's ``profile`` where that is not Gaussian."""
+        if self.profile is not None:
+            return self.profile
         return self.value - NORMAL95 * self.sigma, self.value + NORMAL95 * self.sigma
+
+    @property
+    def spread(self) -> str:
+        """The 95 % interval in words."""
+        if self.profile is not None:
+            return f"({self.profile[0]:.3g} to {self.profile[1]:.3g})"
+        if not np.isfinite(self.sigma):
+            return "(how well is not known)"
+        return f"+- {NORMAL95 * self.sigma:.2g}"
 
 
 @dataclass(frozen=True)
@@ -150,8 +164,7 @@ class Diagnosis:
         rows = [("sentence", self.sentence)]
         for cause in self.causes:
             for p in cause.parameters:
-                half = NORMAL95 * p.sigma
-                text = f"{p.name} = {p.value:.6g} ± {half:.2g} {p.unit}"
+                text = f"{p.name} = {p.value:.6g} {p.spread.replace('+-', '±')} {p.unit}"
                 rows.append((f"{cause.label} at {cause.location}", text))
         if self.gain is not None:
             share = f"{100 * self.gain.explained:.0f} % of what exceeds the noise"
@@ -262,9 +275,16 @@ def _diagnosis(document: Mapping[str, Any]) -> Diagnosis:
 
 
 def _cause(table: Mapping[str, Any]) -> FoundCause:
-    values = tuple(_made(Value, p) for p in table["parameters"])
+    values = tuple(_value(p) for p in table["parameters"])
     aliases = tuple(_made(Alias, a) for a in table["aliases"])
     return _made(FoundCause, table, parameters=values, aliases=aliases)
+
+
+def _value(table: Mapping[str, Any]) -> Value:
+    ends = table.get("profile")
+    low, high = ends or (None, None)
+    limits = (-np.inf if low is None else low, np.inf if high is None else high)
+    return _made(Value, table, profile=limits if ends else None)
 
 
 def _made(kind: type[T], table: Mapping[str, Any], **own: Any) -> T:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 
@@ -25,6 +25,7 @@ from smsid.diagnose.noise_covariance import (
     with_levels,
 )
 from smsid.diagnose.open_loop import unexplained_fraction
+from smsid.diagnose.profile_intervals import Interval, profile_intervals
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import (
     PAST,
@@ -76,6 +77,7 @@ class Search:
     failed: tuple[str, ...] = ()
     factors: np.ndarray = field(default_factory=lambda: np.ones(0))
     bands: tuple[SpecificationTest, ...] = ()
+    bent: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
     def left(self) -> tuple[SpecificationTest, ...]:
@@ -119,6 +121,15 @@ def search(
         if state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
             _look(state)
     blocks = _reconsidered(state, coarse)
+    bent: dict[str, Interval] = {}
+
+    def followed() -> None:
+        top, ends = profile_intervals(state.current, state.causes)
+        state.take(top)
+        bent.update(ends)
+
+    if state.causes and not state.fitted.misfit:
+        state.guarded("following the likelihood along what is poorly known", followed)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
     sensor = state.fitted.alone and not state.causes
@@ -132,7 +143,7 @@ def search(
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
         levels, coarse, tuple(state.failed),
         state.fitted.factors,
-        tuple(band_tests(state.current, state.fitted.factors)),
+        tuple(band_tests(state.current, state.fitted.factors)), bent,
     )  # fmt: skip
 
 

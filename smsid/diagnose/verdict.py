@@ -106,7 +106,10 @@ def values(
         i = names.index(name)
         sigma = float(np.sqrt(covariance[i, i]))
         nominal = u.nominal if candidate.effect is None else None
-        out.append(Value(name, float(found.last.point.value(u)), sigma, u.unit, nominal))
+        value, ends = float(found.last.point.value(u)), found.bent.get(name)
+        # of a fit without hints that is elsewhere, it is no interval
+        own = ends if ends is not None and ends[0] <= value <= ends[1] else None
+        out.append(Value(name, value, sigma, u.unit, nominal, own))
     return tuple(out)
 
 
@@ -287,8 +290,9 @@ def describe(cause: FoundCause) -> str:
         told = [p for p in own if np.isfinite(p.sigma)] or own
         p = max(told, key=lambda p: abs(p.value - (p.nominal or 0.0)) / max(p.sigma, 1e-300))
         shift = f" instead of {p.nominal:.4g}" if p.nominal is not None else ""
-        spread = f"+- {NORMAL95 * p.sigma:.2g}" if np.isfinite(p.sigma) else "(how well is not known)"
-        what += f": {p.name.rpartition('.')[2]} = {p.value:.4g} {spread} {p.unit}{shift}{_plainly(cause, p)}"
+        what += (
+            f": {p.name.rpartition('.')[2]} = {p.value:.4g} {p.spread} {p.unit}{shift}{_plainly(cause, p)}"
+        )
     if cause.onset is not None:
         sigma = cause.onset_sigma
         own = f" of {cause.recording!r}" if cause.recording else ""

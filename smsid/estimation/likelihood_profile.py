@@ -255,6 +255,13 @@ class _Follower:
             if root <= known[-1][1] < BEYOND * root or value == known[-2][0]:
                 break  # far enough, or at its bound
             aim = 0.5 * (1.0 + BEYOND) * root
+            beyond = [p for p in known if p[1] >= BEYOND * root]
+            if beyond:  # what is sought is between
+                (x0, y0), (x1, y1) = max((p for p in known if p[1] < root), key=lambda p: p[1]), min(beyond)
+                if side < 0.0:
+                    x1, y1 = max(beyond)
+                wanted = x0 + (x1 - x0) * float(np.clip((aim - y0) / (y1 - y0), 0.5, 0.9))
+                continue
             (x0, y0), (x1, y1) = sorted(known, key=lambda p: abs(p[1] - aim))[:2]
             slope = side * (y1 - y0) / (x1 - x0) if x1 != x0 else 0.0
             most = 2.0 * abs(x0 - known[0][0]) + sigma

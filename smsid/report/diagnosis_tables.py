@@ -155,6 +155,9 @@ def strength(cause: FoundCause) -> Value | None:
 
 def quantity(p: Value) -> str:
     """Return a parameter with half its 95 % interval and its unit."""
+    if p.profile is not None:
+        low, high = (number(x, 2) for x in p.profile)
+        return f"{number(p.value, 3)} ({low} to {high}) {unit(p.unit)}".rstrip()
     return f"{with_half(p.value, NORMAL95 * p.sigma)} {unit(p.unit)}".rstrip()
 
 

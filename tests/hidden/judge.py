@@ -177,5 +177,7 @@ def _deviation(cause: Mapping[str, Any], injected: Injected) -> float | None:
     for p in cause.get("parameters", ()):
         stated = p["name"].endswith(f".{injected.effect.parameter}") and p.get("nominal") is None
         if stated and p["unit"] == injected.effect.unit and p["sigma"]:
-            return float((p["value"] - injected.value) / p["sigma"])
+            off, ends = p["value"] - injected.value, p.get("profile")
+            half = p["sigma"] * 1.96 if ends is None else abs(p["value"] - ends[0 if off > 0.0 else 1])
+            return float(1.96 * off / half)
     return None

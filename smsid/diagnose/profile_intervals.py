@@ -1,0 +1,92 @@
+"""Intervals of causes' strengths by the profile of the likelihood, where that is bent.
+
+A mass at an unknown place acts by its mass times the square of its distance, and little besides: along that
+ridge a standard deviation from the curvature says too little, and slopes along the filter's states do not
+lead to the top.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smsid.diagnose.model_comparison import Cause
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.likelihood_profile import (
+    BetterMaximum,
+    at_rest,
+    bent_intervals,
+)
+from smsid.estimation.map_estimate import Fit, evaluate, fit, objective
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import Problem
+
+LOGGER = logging.getLogger(__name__)
+POORLY = 0.02  # standard deviation over value from which a cause's parameter is put to the test
+MORE = 0.3  # of the log-posterior by which a point is more likely than where the search ended
+RESTARTS = 3  # times at most that such a point is met
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PosteriorOfProblem:
+    """That of the recordings of a problem, see `smsid.estimation.likelihood_profile.Posterior`."""
+
+    unknowns: tuple[Unknown, ...]
+    problem: Problem
+
+    def objective(self, point: Point) -> float:
+        """Return minus the log-posterior of all parameters at a point."""
+        run = run_filter(point.model(), at_point(point, self.problem))
+        return objective(point, self.unknowns, self.problem, run)
+
+    def at_best(self, start: Point, others: Sequence[Unknown]) -> tuple[Point, float]:
+        """Return the most likely point near a start with ``others`` free, and their objective."""
+        best = fit(start, others, self.problem, iterations=20, enough=0.02)
+        at_rest(best)
+        return best.point, best.objective
+
+
+def profile_intervals(found: Fit, causes: Sequence[Cause]) -> tuple[Fit, dict[str, Interval]]:
+    """Return the fit at the top of its ridge, and intervals (95 %) that no Gaussian describes, by name."""
+    if found.problem.noise.shapes:  # their errors are none of the likelihood's
+        return found, {}
+    for _ in range(RESTARTS):
+        covariance = found.covariance() / np.outer(found.scales, found.scales)
+        names = [u.name for u in found.unknowns]
+        own = [names.index(n) for c in causes for n in c.score.candidate.free if n in names]
+        doubtful = [i for i in own if _is_poorly_known(found, covariance, i)]
+        if not doubtful:
+            break
+        posterior = PosteriorOfProblem(found.unknowns, found.problem)
+        also = [names.index(n) for c in causes for n in c.score.candidate.also if n in names]
+        rows = [*own, *also]
+        try:
+            bent = bent_intervals(found, posterior, doubtful, np.eye(len(names))[rows], covariance, more=MORE)
+        except BetterMaximum as better:
+            LOGGER.info("a more likely point was met along %s", [names[i] for i in doubtful])
+            found = evaluate(better.point, found.unknowns, found.problem)
+            continue
+        return found, {
+            names[i]: _from(found, found.unknowns[i], b.ends)
+            for i, b in ((rows[k], b) for k, b in bent.items())
+            if b.ends is not None
+        }
+    return found, {}
+
+
+def _is_poorly_known(found: Fit, covariance: np.ndarray, i: int) -> bool:
+    unknown = found.unknowns[i]
+    value, sigma = found.point.value(unknown), np.sqrt(covariance[i, i]) * unknown.scale
+    return unknown.kind == "effect" and 0.0 <= unknown.lower < value and sigma > POORLY * value
+
+
+def _from(found: Fit, unknown: Unknown, ends: Interval) -> Interval:
+    value = found.point.value(unknown)
+    low, high = (value + end * unknown.scale for end in ends)
+    return max(float(low), unknown.lower), min(float(high), unknown.upper)
