@@ -118,6 +118,8 @@ def identify_spacecraft(
     try:
         found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
     except NotIdentifiableError as error:
+        if "contradictions" in error.evidence:  # each is explained by itself: no column is wrong
+            raise
         raise _with_wrong_columns(error, description, recordings) from None
     wrong = _better_columns(description, recordings, found.quality.judgement == "not explained")
     first = found.estimate.notes[0], *wrong

@@ -13,16 +13,11 @@ from threadpoolctl import threadpool_limits
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError
-from smsid.estimation.commands_between_samples import (
-    as_commands_act,
-    likelihood_with_own_walks,
-    undecided,
-    with_timing,
-)
+from smsid.estimation.commands_between_samples import undecided
 from smsid.estimation.contradictions import Contradiction, contradictions
-from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
+from smsid.estimation.flight_search import restless, search_flights
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported
 from smsid.estimation.likelihood_profile import (
@@ -32,25 +27,20 @@ from smsid.estimation.likelihood_profile import (
     bent_intervals,
     poorly_known,
 )
-from smsid.estimation.loosening import LOOSENED, loosened, thinned
-from smsid.estimation.maximum import converged, maximise, settled
+from smsid.estimation.maximum import maximise
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.profile_interval import bound_intervals
 from smsid.estimation.scale_conflict import scale_conflict
-from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.unknowns import sensor_unknowns, unknowns_of
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.report import HELD, METHOD, judged_by_share
-from smsid.likelihood.search import GROSS
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
-NEAR = 1.0  # predicted gain of the log-posterior with which such a search has ended
-WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 RESTARTS = 3  # times that a more likely point may be met where intervals are sought
 
 
@@ -137,7 +127,7 @@ def _identify(
             "Nothing is unknown: all effects are marked `known`, and bodies are.", advice="Free something."
         )
     prepared = time.perf_counter()
-    found, flights, visited = _search(described, unknowns, flights, tell)
+    found, flights, visited = search_flights(described, unknowns, flights, tell)
     doubt, doubts = undecided(found, flights)
     searched = time.perf_counter()
     for _ in range(RESTARTS):
@@ -162,7 +152,7 @@ def _identify(
             found, more = maximise(better.point, unknowns, flights, tell=tell)
             visited += more
     else:
-        raise _restless(flights, fit_quality(found))
+        raise restless(flights, fit_quality(found))
     disagree = contradictions(found, rows[:own], quality.widening)
     scale, untold = scale_conflict(found, flights, quality.widening)
     conflicts = [c.sentence for c in (quality.conflict, scale) if c is not None]
@@ -230,80 +220,6 @@ def labels_of(recordings: Sequence[Recording]) -> list[str]:
     names = [r.name or f"recording{k}" for k, r in enumerate(recordings, start=1)]
     repeated = {n for n in names if names.count(n) > 1}
     return [f"{n}#{k}" if n in repeated else n for k, n in enumerate(names, start=1)]
-
-
-def _search(
-    described: Point,
-    unknowns: Sequence[Unknown],
-    flights: Sequence[Flight],
-    tell: Callable[[str], None] | None,
-) -> tuple[NormalEquations, list[Flight], list[NormalEquations]]:
-    """Return the maximum, the flights as their commands are taken, and the points on the way."""
-    point, flights = described, list(flights)
-    coarse = [thinned(f) for f in flights]
-    fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
-    for share in (*LOOSENED, 0.0) if fewer else LOOSENED:
-        if tell is not None:
-            tell(f"search with a model that may err by {100 * share:.0f} % of what drives the motion")
-        loose = [replace(f, problem=loosened(f.model, f.problem, share)) for f in coarse]
-        point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
-        if not fewer:
-            coarse = [
-                with_timing(f, as_commands_act(point, unknowns, x, False).problem.timing)
-                for f, x in zip(coarse, loose, strict=True)
-            ]
-    flights = [as_commands_act(point, unknowns, f, False) for f in flights] if fewer else coarse
-    if tell is not None:
-        tell("search with the model as it is")
-    found, visited = maximise(point, unknowns, flights, tell=tell)
-    acting = [as_commands_act(found.point, unknowns, f, converged(found)) for f in flights]
-    if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
-        otherwise, more = maximise(found.point, unknowns, acting, tell=tell)
-        if likelihood_with_own_walks(otherwise.point, acting) > likelihood_with_own_walks(
-            found.point, flights
-        ):
-            found, flights = otherwise, acting
-            visited += more
-    found, flights, more = finely_stepped(found, flights, tell)
-    visited += more
-    if not converged(found):  # so far off, better derivatives do not help
-        left = fit_quality(found)
-        if max((c.ratio for c in left.channels), default=0.0) > GROSS:
-            raise _restless(flights, left)
-    if not converged(found) or not derivatives_hold(found, flights):
-        found = settled(found, flights, tell=tell)
-        visited.append(found)
-    if not converged(found):
-        raise _restless(flights, fit_quality(found))
-    return found, flights, visited
-
-
-def _restless(flights: Sequence[Flight], quality: FitQuality) -> NotIdentifiableError:
-    wide = {f.label: x for f in flights if (x := _widest_turn(f)) > WIDE}
-    if wide:
-        label, turn = next(iter(wide.items()))
-        return NotIdentifiableError(
-            "The search for the most likely parameters does not come to rest: nothing reads the attitude in "
-            f"'{label}', and at the start it is known to {turn:.2g} rad only.",
-            advice="Say how well it is known, as in --start attitude=0.02,rate=0.01 (rad, rad/s).",
-            attitude=wide,
-        )
-    doubts = [f"'{f.label}' is {n}. " for f in flights for n in f.notes if n.startswith("doubtful")]
-    if quality.judgement == "not explained":
-        doubts.append(f"Where it stopped: {quality.sentence} `smsid diagnose` looks for what is missing. ")
-    return NotIdentifiableError(
-        "The search for the most likely parameters does not come to rest.",
-        advice="".join(doubts)
-        + "Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
-    )
-
-
-def _widest_turn(flight: Flight) -> float:
-    """Return the largest standard deviation of the attitude at the start [rad]."""
-    begin = flight.problem.begin
-    if begin is None or not flight.model.free:
-        return 0.0
-    return float(np.sqrt(begin.covariance.diagonal()[3:6].max()))
 
 
 def _bias(unknown: Unknown, i: int, found: NormalEquations) -> Combination:

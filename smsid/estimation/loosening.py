@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
+from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight, longest_step, longest_substep
+from smsid.estimation.normal_equations import objective_of
+from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
-LOOSENED = (0.3, 0.03)
-"""Process noise of the first searches, as a share of what drives the motion: far from the maximum, a model
-that may err a little has a likelihood without the many maxima of one that may not."""
+LOGGER = logging.getLogger(__name__)
+FIRST, STEP, FURTHEST = 0.3, 0.1, 5  # share of what drives the motion tried first, by how much others differ
 
 MANY = 1000
 """Samples of a flight that first searches need: of more, those that the filter's linearisation does not."""
@@ -28,6 +33,34 @@ def thinned(flight: Flight) -> Flight:
     if len(fewer.times) < MANY or np.any((share > 0.0) & (share < 0.9)):
         return flight
     return replace(flight, problem=replace(flight.problem, data=fewer, substep=longest_substep(fewer)))
+
+
+def likeliest_share(point: Point, flights: Sequence[Flight], near: float, *, upward: bool = False) -> float:
+    """Return by which share of what drives it a model at a point errs most likely; 0 for not at all.
+
+    ``near`` is where to begin, and the largest there may be unless ``upward``.
+    """
+
+    @cache
+    def likely(power: int) -> float:
+        return _likelihood(point, flights, near * STEP**power)
+
+    power, way = 0, -1 if upward and likely(-1) > likely(0) else 1
+    while abs(power) < FURTHEST and likely(power + way) > likely(power):
+        power += way
+    share = near * STEP**power
+    strict = _likelihood(point, flights, 0.0)
+    LOGGER.info("errs by %.2g: %.1f, strict %.1f", share, likely(power), strict)
+    return share if likely(power) > strict + 1.0 else 0.0
+
+
+def _likelihood(point: Point, flights: Sequence[Flight], share: float) -> float:
+    try:
+        loose = [replace(f, problem=loosened(f.model, f.problem, share)) for f in flights]
+        return -objective_of(point, (), loose)
+    except SmsidError as error:
+        LOGGER.info("not with %.2g: %s", share, error)
+        return -np.inf
 
 
 def loosened(model: SpacecraftModel, problem: Problem, share: float) -> Problem:

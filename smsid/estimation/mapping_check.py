@@ -20,7 +20,7 @@ from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import input_channels
 from smsid.estimation.joint_problem import thinned
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.loosening import LOOSENED, loosened
+from smsid.estimation.loosening import loosened
 from smsid.estimation.maximum import maximise
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.unknowns import unknowns_of
@@ -28,6 +28,7 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
+ERRING = (0.3, 0.03)  # shares of what drives the motion by which a description may err
 RATE = 10.0  # [1/s] of the samples that are looked at
 CLEAR = 0.5  # of the errors as recorded, below which what is left tells that a column is wrong
 FITTED = 0.5  # the same of their squares where parameters are fitted
@@ -50,7 +51,7 @@ def _wrong_column(point: Point, recording: Recording) -> str:
         (0.0, words, _mended(recording, channels, mend))
         for words, channels, mend in _hypotheses(point.base, recording)
     ]
-    for share in LOOSENED:
+    for share in ERRING:
         as_recorded = _errors(point, recording, share)
         likely = [(_errors(point, r, share), words, r) for _, words, r in likely]
         likely = sorted((x for x in likely if x[0] < as_recorded), key=lambda x: x[0])
@@ -79,7 +80,7 @@ def _errors(point: Point, recording: Recording, share: float) -> float:
 def _fitted_errors(point: Point, recording: Recording) -> float:
     """Return the same with parameters fitted, of a model that may hardly err."""
     try:
-        flight = _looked_at(point, recording, LOOSENED[-1])
+        flight = _looked_at(point, recording, ERRING[-1])
         unknowns = unknowns_of(point, components=True).unknowns
         sums = maximise(point, unknowns, [flight], enough=1.0)[0].terms[0].innovations
         return float(np.sqrt(sums.squares.sum() / sums.count.sum()))

@@ -10,7 +10,7 @@ import numpy as np
 
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
-from smsid.estimation.identify_flights import _search
+from smsid.estimation.flight_search import search_flights
 from smsid.estimation.loosening import thinned
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Timing
@@ -37,7 +37,7 @@ def linearise_by_search(
         name = f"{flight.label}: {x.name}" if x.unknown.of_recording else x.name
         unknowns.append(replace(x.unknown, name=name, nominal=float(mean), sigma=float(sigma)))
     try:
-        found, taken, _ = _search(described, unknowns, [begun], None)
+        found, taken, _ = search_flights(described, unknowns, [begun])
     except SmsidError as error:
         LOGGER.info("no warm-up: %s", error)
         return (flight.problem.timing, flight.problem.substep), [

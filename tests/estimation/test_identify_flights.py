@@ -10,7 +10,8 @@ from smsid.effects import SensorBias
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.estimation.fit_quality import ChannelFit, FitQuality
 from smsid.estimation.flight import FlightOptions, flight_of
-from smsid.estimation.identify_flights import _restless, identify_flights
+from smsid.estimation.flight_search import restless
+from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.mapping_check import wrong_columns
 from smsid.estimation.parameter_vector import Point
@@ -165,6 +166,19 @@ def test_flights_of_two_spacecraft_are_said_to_contradict_each_other(tmp_path):
     assert not identify_flights(description, same).contradictions
 
 
+def test_flights_that_no_spacecraft_flies_contradict_each_other_where_the_search_cannot_rest(tmp_path):
+    inertia = tuple(tuple(4.0 * x for x in row) for row in RIGID.inertia)
+    recordings = [
+        recorded(truth, truth.fly(40.0, wheels_alone), np.random.default_rng(k), name=name)
+        for k, (name, truth) in enumerate((("one", RIGID), ("two", replace(RIGID, inertia=inertia))))
+    ]
+    with pytest.raises(NotIdentifiableError, match=r"contradicts.* against .*sigma") as refused:
+        identify_flights(guess(tmp_path, RIGID, tank=False, panel=False), recordings)
+    said = next(s for s in refused.value.evidence["contradictions"] if s.startswith("'one'"))
+    told = re.search(r"bus\.Iczz ([\d.]+) against ([\d.]+)", said)
+    assert told is not None and float(told[2]) / float(told[1]) == pytest.approx(4.0, rel=0.02)
+
+
 def test_a_bias_that_is_listed_is_estimated_once(tmp_path):
     description = guess(tmp_path, RIGID, tank=False, panel=False)
     description = description.with_effects(
@@ -252,7 +266,7 @@ def test_a_search_without_rest_says_that_nothing_measures_the_attitude(tmp_path,
         Point.of(description), recorded(*flown, np.random.default_rng(1), without=("st.attitude",)), "blind"
     )
     well = FitQuality((), 1.0)
-    said = str(_restless([flight], well))
+    said = str(restless([flight], well))
     assert re.search(r"nothing reads the attitude in 'blind'.* 0\.5 rad.* --start", said)
 
 
@@ -260,10 +274,10 @@ def test_a_search_without_rest_says_what_the_model_does_not_explain(tmp_path, fl
     description = guess(tmp_path, RIGID, tank=False, panel=False)
     flight = flight_of(Point.of(description), recorded(*flown, np.random.default_rng(1)), "seen")
     loud = ChannelFit("seen", "gyro.angular_rate", "gyro.angular_rate[2]", 6.0, 0.9, 0.0, "not explained")
-    said = str(_restless([flight], FitQuality((loud,), 1.0)))
+    said = str(restless([flight], FitQuality((loud,), 1.0)))
     assert "does not come to rest" in said and "smsid diagnose" in said
     assert re.search(r"gyro\.angular_rate\[2\] in 'seen' is left at 6 times its stated noise", said)
-    assert "diagnose" not in str(_restless([flight], FitQuality((), 1.0)))
+    assert "diagnose" not in str(restless([flight], FitQuality((), 1.0)))
 
 
 def test_what_cannot_be_used_is_refused(tmp_path):

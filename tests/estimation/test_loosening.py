@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from smsid.estimation import loosening
+from smsid.estimation.commands_between_samples import as_commands_act
 from smsid.estimation.flight import flight_of
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.loosening import thinned
+from smsid.estimation.loosening import FIRST, likeliest_share, thinned
 from smsid.estimation.parameter_vector import Point
 
 from .satellite import Satellite, guess, recorded
@@ -40,6 +41,17 @@ def test_only_long_flights_of_one_rate_have_fewer_samples(tmp_path, recording, m
     data = replace(flight.problem.data, values=values)
     slower = replace(flight, problem=replace(flight.problem, data=data))
     assert thinned(slower) is slower
+
+
+@pytest.mark.parametrize(("factor", "low", "high"), [(1.0, 0.0, 0.0), (1.01, 1e-3, 0.1), (10.0, 0.3, 30.0)])
+def test_a_model_errs_by_what_its_inertia_is_off(tmp_path, factor, low, high):
+    """A factor on the inertia is an error of as much of what drives the turning."""
+    truth = replace(RIGID, centre=(0.0, 0.0, 0.0), inertia=tuple(map(tuple, np.diag((80.0, 95.0, 70.0)))))
+    made = recorded(truth, truth.fly(20.0, pushed), np.random.default_rng(1), every=1)
+    wrong = replace(truth, inertia=tuple(map(tuple, factor * np.array(truth.inertia))))
+    point = Point.of(guess(tmp_path, wrong, off=0.0, tank=False, panel=False))
+    flight = as_commands_act(point, (), flight_of(point, made, "flight"), False)
+    assert low <= likeliest_share(point, [flight], FIRST, upward=True) <= high
 
 
 def test_they_do_not_change_what_is_found(tmp_path, recording, monkeypatch):

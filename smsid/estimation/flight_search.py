@@ -1,0 +1,179 @@
+"""The search for the maximum over flights: with less and less noise of the model, to none."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.errors import NotIdentifiableError, SmsidError
+from smsid.estimation.commands_between_samples import (
+    as_commands_act,
+    likelihood_with_own_walks,
+    with_timing,
+)
+from smsid.estimation.contradictions import Part, contradictions_of
+from smsid.estimation.differences import derivatives_hold
+from smsid.estimation.fit_quality import FitQuality, fit_quality
+from smsid.estimation.flight import Flight
+from smsid.estimation.inertial_combinations import reported
+from smsid.estimation.loosening import FIRST, likeliest_share, loosened, thinned
+from smsid.estimation.maximum import converged, maximise, settled
+from smsid.estimation.normal_equations import NormalEquations
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.step_size import finely_stepped
+from smsid.estimation.trust_region import bounded_step, predicted_gain
+from smsid.likelihood.search import GROSS
+
+LOGGER = logging.getLogger(__name__)
+NEAR = 1.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
+ASTRAY = 0.03  # share of what drives the motion, by which a model errs at best that does not follow
+TOLD = 0.5  # of its standard deviation beforehand, what a recording leaves of a value that it tells
+WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
+
+Tell = Callable[[str], None]
+Found = tuple[NormalEquations, list[Flight], list[NormalEquations]]
+
+
+def search_flights(
+    described: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight], tell: Tell | None = None
+) -> Found:
+    """Return the maximum, the flights as their commands are taken, and the points on the way.
+
+    Raises `NotIdentifiableError` where the search does not come to rest, or recordings that are explained
+    one by one contradict each other; `SimulationError` where the description loses a recording at once.
+    """
+    point, near, share = _approached(described, unknowns, flights, tell)
+    several = len({f.label for f in flights}) > 1
+    if several and share > ASTRAY:
+        several = False
+        _refuse_contradicting(described, unknowns, flights, tell)
+    try:
+        return _at_rest(point, unknowns, near, tell)
+    except NotIdentifiableError:
+        if several:
+            _refuse_contradicting(described, unknowns, flights, tell)
+        raise
+
+
+def _approached(
+    described: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight], tell: Tell | None
+) -> tuple[Point, list[Flight], float]:
+    """Return where a strict search may begin, the flights for it, and how much the model errs there at best.
+
+    Far from the maximum, a model that may err has a likelihood without the many maxima of one that may not.
+    It errs by the share of what drives it that is likeliest at the point, which every search lowers: one that
+    is begun with much less than what is left of errors, begins beyond what its quadratic form holds for.
+    """
+    point, coarse = described, [thinned(f) for f in flights]
+    fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
+    share, last = likeliest_share(point, coarse, FIRST, upward=True), np.inf
+    while share < last and (share or fewer):
+        if tell is not None:
+            tell(f"search with a model that may err by {100 * share:.2g} % of what drives the motion")
+        loose = [replace(f, problem=loosened(f.model, f.problem, share)) for f in coarse]
+        point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
+        if not fewer:
+            coarse = [
+                with_timing(f, as_commands_act(point, unknowns, x, False).problem.timing)
+                for f, x in zip(coarse, loose, strict=True)
+            ]
+        last, share = share, likeliest_share(point, coarse, share) if share else 0.0
+    flights = [as_commands_act(point, unknowns, f, False) for f in flights] if fewer else coarse
+    return point, list(flights), share
+
+
+def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
+    """Return the maximum of the model as it is, near a point."""
+    if tell is not None:
+        tell("search with the model as it is")
+    found, visited = maximise(point, unknowns, flights, tell=tell)
+    acting = [as_commands_act(found.point, unknowns, f, converged(found)) for f in flights]
+    if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
+        otherwise, more = maximise(found.point, unknowns, acting, tell=tell)
+        if likelihood_with_own_walks(otherwise.point, acting) > likelihood_with_own_walks(
+            found.point, flights
+        ):
+            found, flights = otherwise, acting
+            visited += more
+    found, flights, more = finely_stepped(found, flights, tell)
+    visited += more
+    if not converged(found):  # so far off, better derivatives do not help
+        left = fit_quality(found)
+        if max((c.ratio for c in left.channels), default=0.0) > GROSS:
+            raise restless(flights, left)
+    if not converged(found) or not derivatives_hold(found, flights):
+        found = settled(found, flights, tell=tell)
+        visited.append(found)
+    if not converged(found):
+        raise restless(flights, fit_quality(found))
+    return found, flights, visited
+
+
+def _refuse_contradicting(
+    described: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight], tell: Tell | None
+) -> None:
+    """Raise `NotIdentifiableError` where each recording is explained by itself, and they differ in what."""
+    alone: list[NormalEquations] = []
+    for label in dict.fromkeys(f.label for f in flights):
+        if tell is not None:
+            tell(f"'{label}' by itself")
+        own = [f for f in flights if f.label == label]
+        try:
+            point, near, _ = _approached(described, unknowns, own, tell)
+            found = maximise(point, unknowns, near, enough=NEAR, tell=tell)[0]
+        except SmsidError as error:
+            LOGGER.info("'%s' by itself: %s", label, error)
+            return
+        if any(c.judgement == "not explained" for c in fit_quality(found).channels):
+            return
+        alone.append(found)
+    first, scales, sigmas = alone[0], alone[0].scales, np.array([u.sigma for u in unknowns])
+    nominal = np.array([u.nominal for u in unknowns])
+    moved = [(np.array([a.point.value(u) for u in unknowns]) - nominal) / scales for a in alone]
+    parts = [Part(a.terms[0].label, a.information, a.gram @ x) for a, x in zip(alone, moved, strict=True)]
+    rows = []
+    for row in reported(first, described):
+        widest = max(float(row.gradient @ np.linalg.solve(a.gram, row.gradient)) for a in alone)
+        if widest < TOLD**2 * float(np.sum((row.gradient * sigmas / scales) ** 2)):
+            rows.append(replace(row, value=row.value - float(row.gradient @ moved[0])))
+    # a search that halts before its maximum is off by as many standard deviations at most
+    off = max(predicted_gain(a, bounded_step(a)) for a in alone)
+    found = contradictions_of(parts, np.diag((scales / sigmas) ** 2), rows, max(1.0, np.sqrt(2.0 * off)))
+    if found:
+        raise NotIdentifiableError(
+            "No spacecraft as described flies all of these recordings, though it explains each by itself.",
+            advice=found[0].sentence,
+            contradictions=[c.sentence for c in found],
+        )
+
+
+def restless(flights: Sequence[Flight], quality: FitQuality) -> NotIdentifiableError:
+    """Return the error of a search that does not come to rest, with what may be the reason."""
+    wide = {f.label: x for f in flights if (x := _widest_turn(f)) > WIDE}
+    if wide:
+        label, turn = next(iter(wide.items()))
+        return NotIdentifiableError(
+            "The search for the most likely parameters does not come to rest: nothing reads the attitude in "
+            f"'{label}', and at the start it is known to {turn:.2g} rad only.",
+            advice="Say how well it is known, as in --start attitude=0.02,rate=0.01 (rad, rad/s).",
+            attitude=wide,
+        )
+    doubts = [f"'{f.label}' is {n}. " for f in flights for n in f.notes if n.startswith("doubtful")]
+    if quality.judgement == "not explained":
+        doubts.append(f"Where it stopped: {quality.sentence} `smsid diagnose` looks for what is missing. ")
+    return NotIdentifiableError(
+        "The search for the most likely parameters does not come to rest.",
+        advice="".join(doubts)
+        + "Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
+    )
+
+
+def _widest_turn(flight: Flight) -> float:
+    """Return the largest standard deviation of the attitude at the start [rad]."""
+    begin = flight.problem.begin
+    if begin is None or not flight.model.free:
+        return 0.0
+    return float(np.sqrt(begin.covariance.diagonal()[3:6].max()))
