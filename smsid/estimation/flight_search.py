@@ -28,7 +28,7 @@ from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.likelihood.search import GROSS
 
 LOGGER = logging.getLogger(__name__)
-NEAR = 1.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
+NEAR = 4.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
 ASTRAY = 0.03  # share of what drives the motion, by which a model errs at best that does not follow
 TOLD = 0.5  # of its standard deviation beforehand, what a recording leaves of a value that it tells
 WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold

@@ -18,6 +18,7 @@ from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
 FIRST, STEP, FURTHEST = 0.3, 0.1, 5  # share of what drives the motion tried first, by how much others differ
+NEARLY = 0.1  # of log-likelihood a reading, that a model which does not err may lack for a search to begin
 
 MANY = 1000
 """Samples of a flight that first searches need: of more, those that the filter's linearisation does not."""
@@ -36,7 +37,7 @@ def thinned(flight: Flight) -> Flight:
 
 
 def likeliest_share(point: Point, flights: Sequence[Flight], near: float, *, upward: bool = False) -> float:
-    """Return by which share of what drives it a model at a point errs most likely; 0 for not at all.
+    """Return by which share of what drives it a model at a point errs most likely; 0 for hardly at all.
 
     ``near`` is where to begin, and the largest there may be unless ``upward``.
     """
@@ -51,7 +52,8 @@ def likeliest_share(point: Point, flights: Sequence[Flight], near: float, *, upw
     share = near * STEP**power
     strict = _likelihood(point, flights, 0.0)
     LOGGER.info("errs by %.2g: %.1f, strict %.1f", share, likely(power), strict)
-    return share if likely(power) > strict + 1.0 else 0.0
+    readings = sum(int(np.isfinite(f.problem.data.values).sum()) for f in flights)
+    return share if likely(power) > strict + NEARLY * readings else 0.0
 
 
 def _likelihood(point: Point, flights: Sequence[Flight], share: float) -> float:
