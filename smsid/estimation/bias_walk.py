@@ -99,11 +99,10 @@ class BiasWalks:
     Readings are linear in them and motion does not know them: models stay about the motion as it is believed.
     """
 
-    close = 1e30
-
     def __init__(self, walks: Sequence[BiasWalk], rows: int) -> None:
         self.scales = np.array([w.rate for w in walks])
         self.values, self.rates = np.zeros(len(walks)), np.ones(len(walks))
+        self.close = np.full(len(walks), np.inf)
         self.trends = np.zeros((0, 2), dtype=np.int64), np.zeros(0)
         columns = np.array([w.rate * w.column for w in walks]).reshape(-1, rows)
         self.columns = np.ascontiguousarray(columns.T)

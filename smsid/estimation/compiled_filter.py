@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.estimation.filter_pass import CLOSE, ROUND, Instance
+from smsid.estimation.filter_pass import ROUND, Instance
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.kernel import columns as c
 from smsid.kernel.arrays import Force, in_axes_of_table, row_of
@@ -63,7 +63,7 @@ NOTHING = Parameters(
     np.zeros(0, dtype=np.int64),
     np.zeros((0, 2), dtype=np.int64),
     np.zeros(0),
-    CLOSE,
+    np.zeros(0),
     ROUND,
 )
 
@@ -144,11 +144,12 @@ def with_parameters(
     trends: tuple[np.ndarray, np.ndarray],
     columns: np.ndarray,
     pushed: Sequence[int],
+    close: np.ndarray,
 ) -> Model | None:
     """Return a spacecraft with parameters, or ``None`` where one of it goes the plain way.
 
-    ``scales``, values ``at``, ``rates`` (m,) and ``trends`` are the parameters', ``columns`` (rows, m) how
-    readings change with them at any motion; applied forces change with those ``pushed``.
+    ``scales``, values ``at``, ``rates``, ``close`` (m,) and ``trends`` are the parameters', ``columns``
+    (rows, m) how readings change with them at any motion; applied forces change with those ``pushed``.
     """
     own, senses = base.plant.kernel(balanced=False), senses_of(base.outputs)
     if own is None or senses is None or len(senses.twists):
@@ -172,7 +173,7 @@ def with_parameters(
         columns,
         np.array(pushed, dtype=np.int64),
         *trends,
-        CLOSE,
+        close,
         ROUND,
     )
     every = [senses, *(x for t in tables for x in t.senses)]

@@ -174,7 +174,7 @@ class Parameters(Protocol):
     in `smsid.kernel.filter_arrays.Parameters`, as is ``close``.
     """
 
-    close: float
+    close: np.ndarray
     values: np.ndarray
     scales: np.ndarray
     rates: np.ndarray
@@ -410,7 +410,8 @@ def reference(
     """Return how far what is believed is from where it is linear (x,), and there q, v and unknown forces.
 
     That is the state which goes with the parameters of the model: its mean, given these. So the filter is
-    linear about a motion that there can be, however far parameters at first are believed to be.
+    linear about a motion that there can be, however far parameters at first are believed to be. Biases, in
+    which readings are linear and which no motion knows, are not among them (``close`` is infinite).
     """
     nv, p = len(state.v), state.covariance
     off, first = np.zeros(len(p)), 2 * nv + len(acts)
@@ -419,9 +420,10 @@ def reference(
         off[first:] = d
         own = p[first:, first:]
         if (np.abs(d) > parameters.close * np.sqrt(own.diagonal())).any():
-            size = np.sqrt(np.maximum(own.diagonal(), 1e-300))
-            scaled = np.linalg.solve(own / np.outer(size, size) + ROUND * np.eye(len(d)), d / size)
-            off[:first] = p[:first, first:] @ (scaled / size)
+            bends = np.isfinite(parameters.close)
+            size = np.sqrt(np.maximum(own.diagonal()[bends], 1e-300))
+            scaled = own[np.ix_(bends, bends)] / np.outer(size, size) + ROUND * np.eye(len(size))
+            off[:first] = p[:first, first:][:, bends] @ (np.linalg.solve(scaled, d[bends] / size) / size)
     driving = np.zeros(nv)
     np.add.at(driving, acts, state.unknown - off[2 * nv : first])
     return off, pin.integrate(plant.pin, state.q, -off[:nv]), state.v - off[nv : 2 * nv], driving

@@ -72,27 +72,30 @@ def reference(tree, root, state, at, scales, close, regular, acts, off, q, v, dr
     """Write where the filter is linear: the mean of the state given the model's own parameters.
 
     ``off`` (x,) is how far what is believed is from there; q (nq,), v (nv,) and unknown forces (nv,).
-    Parameters within ``close`` standard deviations are there already; ``regular`` keeps a covariance so.
+    Parameters within ``close`` (m,) standard deviations are there already; ``regular`` keeps a covariance so.
+    Those with infinitely many, biases, no motion knows: it is linear about the one that is believed of them.
     """
     m, nv, p = len(at), len(v), state.covariance
     first, far = len(p) - m, False
     off[:], driving[:] = 0.0, 0.0
     for i in range(m):
         off[first + i] = (state.values[i] - at[i]) / scales[i]
-        far = far or abs(off[first + i]) > close * sqrt(p[first + i, first + i])
+        far = far or abs(off[first + i]) > close[i] * sqrt(p[first + i, first + i])
     if far:
         size, own, low, half = np.empty(m), np.empty((m, m)), np.empty((m, m)), np.empty((m, m))
         for i in range(m):
             size[i] = sqrt(max(p[first + i, first + i], 1e-300))
         for i in range(m):
             for j in range(m):
-                own[i, j] = p[first + i, first + j] / (size[i] * size[j])
-            own[i, i] += regular
+                both = close[i] < np.inf and close[j] < np.inf
+                own[i, j] = p[first + i, first + j] / (size[i] * size[j]) if both else 0.0
+            own[i, i] += regular if close[i] < np.inf else 1.0
         if inverse_of_root(own, low, half):
             white, step = np.zeros(m), np.zeros(m)
             for i in range(m):
                 for j in range(i + 1):
-                    white[i] += half[i, j] * off[first + j] / size[j]
+                    if close[j] < np.inf:
+                        white[i] += half[i, j] * off[first + j] / size[j]
             for i in range(m):
                 for j in range(i, m):
                     step[i] += half[j, i] * white[j] / size[i]

@@ -40,7 +40,7 @@ class Parameters(NamedTuple):
     pushed: np.ndarray
     trends: np.ndarray
     steep: np.ndarray
-    close: float
+    close: np.ndarray
     regular: float
 
 

@@ -36,8 +36,6 @@ class Difference(Change):
 class Linearisation:
     """A spacecraft at some values (m,) of the parameters, and its derivatives by each per its scale."""
 
-    close = CLOSE
-
     def __init__(
         self,
         origin: Point,
@@ -53,6 +51,7 @@ class Linearisation:
         self.scales = np.array([u.scale for u in unknowns])
         self.rates = (np.array([f.rate for f in followed]) / self.scales) ** 2
         self.trends = trends_of(followed)
+        self.close = np.array([np.inf if u.kind == "bias" else CLOSE for u in unknowns])
         self.point = point_at(origin, unknowns, self.values)
         self.base = Instance.at(self.point, layout, locked)
         inertial = [i for i, u in enumerate(unknowns) if u.kind == "inertial"]
@@ -86,6 +85,7 @@ class Linearisation:
                 self.trends,
                 self._biases,
                 pushed,
+                self.close,
             )
 
     def _like(self, before: Linearisation, inverse: np.ndarray, sigmas: np.ndarray | float) -> bool:

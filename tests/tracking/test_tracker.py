@@ -108,6 +108,20 @@ def test_names_mean_what_they_do_in_an_estimate_and_a_spacecraft_begins_as_descr
     assert np.trace(own) == pytest.approx(np.trace(described), rel=1e-12)
 
 
+def test_a_bias_that_wandered_leaves_the_filter_linear_about_the_motion_as_it_is_believed(description):
+    """No motion knows it; about a motion as it were without, a rate would be off by the whole bias."""
+    follow = CONSTANT | {"gyro.angular_rate.bias.*": 1e-5}
+    f = Tracker(description, follow=follow).filter
+    bias = np.array([u.kind == "bias" for u in f._unknowns])
+    root = np.random.default_rng(4).normal(size=f.covariance.shape)
+    f.covariance = root @ root.T + np.eye(len(root))
+    f.values = f.at.values + np.where(bias, 5.0, 0.0) * f.sigmas()
+    off = f.reference_offset()
+    assert bias.any() and not off[: 2 * f.nv].any() and off[f.parameters][bias].all()
+    f.values = f.at.values + np.where(bias, 0.0, 5.0) * f.sigmas()
+    assert f.reference_offset()[: 2 * f.nv].any()
+
+
 def test_parameters_stay_and_wander_between_recordings(description):
     rates = {"bus.I*": 0.01}
     first, second = flight(8.0, name="first"), flight(3.0, seed=2, name="second")
