@@ -157,7 +157,7 @@ def position_alone(truth: Satellite, rng: np.random.Generator) -> list[Recording
         "gnss.position": states[k, :3] + at + rng.normal(0.0, 5e-3, at.shape),
         "command.force": inputs[::5, :3],
         "command.torque": inputs[::5, 3:6],
-        "command.wheel_torque": inputs[::5, 6:9],
+        "command.wheel_torque": (inputs[:, 6:9] + truth.wheel * states[:, 24:27])[::5],  # as in `recorded`
     }
     timed = {n: (times[k] if n == "gnss.position" else times[::5], x) for n, x in channels.items()}
     return [Recording.from_arrays(None, timed, labels=LABELS, name="gnss")]

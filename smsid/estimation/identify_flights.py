@@ -34,6 +34,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.profile_interval import bound_intervals
 from smsid.estimation.scale_conflict import scale_conflict
 from smsid.estimation.unknowns import sensor_unknowns, unknowns_of
+from smsid.estimation.unread_start import with_unread_start
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
@@ -115,8 +116,14 @@ def _identify(
     asked = unknowns_of(described, cad=cad, bodies=bodies, components=True)
     labels = labels_of(recordings)
     whole = [flight_of(described, r, label, options) for r, label in zip(recordings, labels, strict=True)]
-    flights = [piece for flight in whole for piece in pieces_of(described, flight)]
     unknowns = [*asked.unknowns]
+    flights: list[Flight] = []
+    for flight in whole:
+        pieces = pieces_of(described, flight)
+        if len(pieces) == 1:  # what begins after a gap has no name of its own
+            pieces[0], own = with_unread_start(pieces[0])
+            unknowns += own
+        flights += pieces
     taken = {c for e in modal.effect if e.unknowns() for c in e.biased_channels()}
     for flight in whole:
         present = set(flight.problem.recording.channels)

@@ -284,6 +284,8 @@ def columns_of(changes: Sensitivities, unknowns: Sequence[Unknown]) -> list[Sens
         if u.kind == "bias"
         else changes.sensor(u)
         if u.kind == "sensor"
+        else Sensitivity()
+        if u.kind == "start"
         else changes.unknown(u)
         for u in unknowns
     ]

@@ -13,6 +13,7 @@ from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, propagate
+from smsid.estimation.unread_start import begun, derivative
 
 CHUNK = 2000  # samples whose derivatives are in memory at once
 BLOCKS = 40  # parts of a recording whose slopes are compared
@@ -141,9 +142,10 @@ def prior_offset(point: Point, unknowns: Sequence[Unknown]) -> np.ndarray:
 
 
 def problem_at(point: Point, flight: Flight) -> Problem:
-    """Return the problem with the sensors as they are at the point in this recording."""
+    """Return the problem with the sensors, and the state at its beginning, as they are at the point."""
     sensors = point.for_recording(flight.label).sensors()
-    return replace(flight.problem, data=flight.problem.data.with_blocks(sensors))
+    data = flight.problem.data.with_blocks(sensors)
+    return replace(flight.problem, data=data, begin=begun(point, flight))
 
 
 def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
@@ -158,6 +160,9 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     model, problem = here.model(), problem_at(point, flight)
     kalman = KalmanFilter(model, problem)
     delta = np.zeros((kalman.covariance.shape[0], len(mine)))
+    for k, u in enumerate(mine):
+        if u.kind == "start":
+            delta[: 2 * flight.model.nv, k] = derivative(here, flight, u)
     scales = np.array([u.scale for u in mine])
     gram, likely, samples = np.zeros((len(mine),) * 2), 0.0, 0
     sums = _Sums(problem.data)

@@ -19,7 +19,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing import Sensor
 from smsid.sensing.component import ComponentError
 
-Kind = Literal["inertial", "effect", "bias", "sensor", "trend"]
+Kind = Literal["inertial", "effect", "bias", "sensor", "start", "trend"]
 DEGENERATE = 1e-10  # eigenvalue of a correlation below which it is rounding
 
 
@@ -53,10 +53,11 @@ class Unknown:
     """A parameter of the search.
 
     ``name`` is ``<body>.<m|mx|...|Izz>``, ``<effect>.<parameter>``, ``<channel>.bias.<axis>`` (or ``scale``,
-    ``misalignment``, which are of the kind ``sensor``), or that of another with ``.trend``: by how much it
-    changes in a second, where a filter follows that. ``column`` is where an inertial one stands among those
-    of the model, or the component of a sensor's error. ``sigma`` is the prior's
-    standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a typical size of a change. ``polar``
+    ``misalignment``, which are of the kind ``sensor``), ``start.<state>``, how a motion begins, or that of
+    another with ``.trend``: by how much it changes in a second, where a filter follows that. ``column`` is
+    where an inertial one stands among those of the model, the component of a sensor's error, or the place in
+    the state. ``sigma`` is the prior's standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a
+    typical size of a change. ``polar``
     makes it a component of an amplitude: along a reference, or across it (`Polar`).
     """
 
@@ -73,8 +74,8 @@ class Unknown:
 
     @property
     def of_recording(self) -> bool:
-        """Whether it is an error of a sensor, which every recording has its own of."""
-        return self.kind in ("bias", "sensor")
+        """Whether every recording has its own: errors of sensors, and how the motion begins."""
+        return self.kind in ("bias", "sensor", "start")
 
     @property
     def positive(self) -> bool:
@@ -256,7 +257,7 @@ class Point:
         """Return the sensors as effects and biases leave them."""
         sensors = {s.name: s for s in self.description.effective_sensors()}
         for name, value in self.biases.items():
-            if ": " in name:  # of another recording, see `for_recording`
+            if ": " in name or name.startswith("start."):  # of another recording, or none of a sensor's
                 continue
             source, quantity, term, component = name.split(".", 3)
             labels = component_labels(self.base, sensors[source], quantity)
