@@ -13,7 +13,7 @@ from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.joint_problem import at_point
-from smsid.estimation.kalman import run_filter
+from smsid.estimation.kalman import KalmanFilter, run_filter
 from smsid.estimation.map_estimate import Fit
 from smsid.estimation.measurements import Measured
 from smsid.estimation.problem import Belief, Noise, Problem, recordings_of
@@ -21,29 +21,33 @@ from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
 STEPS = 5  # of Gauss and Newton
+TRUE = 0.5  # share of the predicted decrease above which the derivatives still hold
 ENOUGH = 1e-2  # predicted decrease of the sum of squares, relative to it, that no longer matters
 EXACT = 1e-9  # standard deviation of a start that is not to be corrected along the motion
 
 
-def open_loop(model: SpacecraftModel, problem: Problem) -> FilterRun:
+def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None = None) -> FilterRun:
     """Return a simulation of a recording from the initial state that the model fits to all of it.
 
     Readings of the first samples are the prior of that state, five standard deviations of noise wide; errors
     of a channel count in units of what the model leaves there, so that a wrong model does not bend its start
-    to what it cannot follow. Nothing is corrected on the way.
+    to what it cannot follow. Nothing is corrected on the way. The search begins where the filter, whose run
+    ``closed`` is where it is known, thinks in the end that the motion began.
 
-    Raises `SimulationError` when the motion from the first samples is lost.
+    Raises `SimulationError` when the motion is lost.
     """
     data = problem.data
     prior = initial_belief(model, data, problem.locked, InitialPrior(hidden=problem.noise.hidden))
     weight = np.linalg.pinv(prior.covariance, hermitian=True)
-    at, best = prior, _simulated(model, problem, prior)
+    at = _smoothed_start(model, problem, closed or run_filter(model, problem))
+    best = _simulated(model, problem, at, derive=True)
+    used, by_start = best.used, _by_start(best)
     level = _levels(data, best)
     cost = _cost(best, level)
     for _ in range(STEPS):
-        jacobian = _by_start(best) / level[None, :, None]
+        jacobian = by_start / level[None, :, None]
         flat = jacobian.reshape(-1, jacobian.shape[2])
-        error = np.where(best.used, best.errors, 0.0) / level
+        error = np.where(used, best.errors, 0.0) / level
         away = np.concatenate([pin.difference(model.pin, prior.q, at.q), at.v - prior.v])
         gram = flat.T @ flat + weight
         step = np.linalg.solve(gram, flat.T @ error.ravel() - weight @ away)
@@ -55,7 +59,7 @@ def open_loop(model: SpacecraftModel, problem: Problem) -> FilterRun:
             q = pin.integrate(model.pin, at.q, share * step[: model.nv])
             trial = replace(at, q=q, v=at.v + share * step[model.nv :])
             try:
-                run = _simulated(model, problem, trial)
+                run = replace(_simulated(model, problem, trial), used=used)
             except SimulationError as error:
                 LOGGER.info("initial state refused: %s", error)
                 continue
@@ -65,18 +69,34 @@ def open_loop(model: SpacecraftModel, problem: Problem) -> FilterRun:
         if better is None:
             break
         at, best = better
+        if cost - _cost(best, level) < TRUE * promised:  # curved: derivatives are those of here
+            by_start = _by_start(_simulated(model, problem, at, derive=True))
         level = _levels(data, best)
         cost = _cost(best, level)
     return best
 
 
-def _simulated(model: SpacecraftModel, problem: Problem, start: Belief) -> FilterRun:
-    """Return the run from a start that no reading corrects, with its derivatives along the motion."""
-    nv = model.nv
-    exact = Belief(start.q, start.v, np.diag(np.full(2 * nv, EXACT**2)))
+def _smoothed_start(model: SpacecraftModel, problem: Problem, closed: FilterRun) -> Belief:
+    """Return the state at the first sample given all of them, by Bryson and Frazier's costate."""
+    slope: np.ndarray = np.zeros(closed.gain.shape[1])
+    for k in range(len(closed.innovations) - 1, -1, -1):
+        if k < len(closed.transition):
+            slope = closed.transition[k].T @ slope
+        told = closed.gain[k].T @ slope + closed.whitening[k].T @ closed.innovations[k]
+        slope = slope - closed.sensitivity[k].T @ told
+    start = KalmanFilter(model, problem)
+    step = -(start.covariance @ slope)
+    q, v = closed.states.q[0], closed.states.v[0] + step[model.nv : 2 * model.nv]
+    return Belief(pin.integrate(model.pin, q, step[: model.nv]), v, start.covariance)
+
+
+def _simulated(model: SpacecraftModel, problem: Problem, start: Belief, *, derive: bool = False) -> FilterRun:
+    """Return the run from a start that no reading corrects; if asked, with derivatives along the motion."""
+    exact = Belief(start.q, start.v, np.diag(np.full(2 * model.nv, EXACT**2)))
     no_noise = Noise(force=0.0, torque=0.0, joint=0.0, wheel=0.0)
     deaf = replace(problem.data, sigma=np.full(problem.data.rows, 1.0 / EXACT))
-    return run_filter(model, replace(problem, data=deaf, noise=no_noise, begin=exact, bias_walks=()))
+    alone = replace(problem, data=deaf, noise=no_noise, begin=exact, bias_walks=())
+    return run_filter(model, alone, until=np.inf if derive else -np.inf)
 
 
 def _by_start(run: FilterRun) -> np.ndarray:

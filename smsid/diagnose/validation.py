@@ -99,8 +99,8 @@ def gain(
         third = model, replace(problem, data=drop_samples(problem.data, here))
         closed[2] = run_filter(*third)
     data = third[1].data
-    opened = [_simulated(*read) for read in (first, second)]
-    opened.append(opened[1] if third is second else _simulated(*third))
+    opened = [_simulated(*read, run) for read, run in zip((first, second), closed[:2], strict=True)]
+    opened.append(opened[1] if third is second else _simulated(*third, closed[2]))
     excess = [float((r.innovations**2).sum()) - r.samples for r in closed]
     rms = [float(np.sqrt((r.innovations**2).sum() / r.samples)) for r in closed]
     channels = []
@@ -143,10 +143,10 @@ def read_like(
     return model, at_point(fit(point, own, problem, iterations=OWN).point, problem) if own else problem
 
 
-def _simulated(model: SpacecraftModel, problem: Problem) -> FilterRun | None:
+def _simulated(model: SpacecraftModel, problem: Problem, closed: FilterRun) -> FilterRun | None:
     """Return a simulation from the initial state the model fits; nothing where it loses the motion."""
     try:
-        return open_loop(model, problem)
+        return open_loop(model, problem, closed)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("open loop is lost: %s", error)
         return None
