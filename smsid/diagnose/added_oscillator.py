@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import minimize
+from scipy.signal import lfilter
 
 from smsid.diagnose.profiled_hypothesis import (
     Resolved,
@@ -26,7 +28,7 @@ from smsid.diagnose.profiled_hypothesis import (
     moments,
     place_of,
 )
-from smsid.diagnose.score_test import Score, least_squares, recast
+from smsid.diagnose.score_test import EXCITED, Score, recast
 from smsid.effects.appendage_effect import ExtraMode
 from smsid.effects.base import Effect
 from smsid.effects.slosh import Slosh
@@ -81,19 +83,19 @@ def unit_response(
     """Return what ``forces`` of unit masses at a ``place`` (3,) add to the motion: those of
     `reaction_forces`, (N, f, axes, 1 + k) at the samples and (N - 1, ...) between.
     """
-    moves, run, (at, middle) = springs.moves, changes.run, forces
-    out = []
+    run, out = changes.run, []
     for a, axis in enumerate(springs.axes):
         straight = np.concatenate([axis, np.cross(place, axis)])
-        for f in range(at.shape[1]):
-            for j in range(1 + len(moves)):
-                parts = []
-                for force, inverse in ((middle, run.middle_inverse), (at, run.inverse)):
-                    wrench = force[:, f, a, j, None] * straight
-                    if j:
-                        wrench[:, 3:] += force[:, f, a, 0, None] * np.cross(moves[j - 1], axis)
-                    parts.append(np.matmul(inverse[:, :, :6], wrench[:, :, None])[:, :, 0])
-                out.append(Sensitivity(*parts))
+        turning = [np.concatenate([np.zeros(3), np.cross(move, axis)]) for move in springs.moves]
+        parts = []
+        for force, inverse in zip(forces, (run.inverse, run.middle_inverse), strict=True):
+            straightly, *turned = (inverse[:, :, :6] @ x for x in (straight, *turning))
+            own = force[:, :, a].transpose(1, 2, 0)[:, :, :, None] * straightly  # (f, 1 + k, N, nv)
+            for j, more in enumerate(turned, start=1):
+                own[:, j] += force[:, :, a, 0].T[:, :, None] * more
+            parts.append(own.reshape(-1, *straightly.shape))
+        at, middle = parts
+        out += [Sensitivity(*both) for both in zip(middle, at, strict=True)]
     return out
 
 
@@ -138,30 +140,27 @@ def _forces(
     """Return the force of unit masses at the samples (N, f, ...) and between (N - 1, f, ...), driven by
     accelerations (N, ...) and (N - 1, ...); at rest at the samples with which recordings begin.
     """
-    shape = at.shape[1:]
-    at, middle = at.reshape(len(at), -1), middle.reshape(len(middle), -1)
+    shape, n, count = at.shape[1:], len(at), len(omega)
+    at, middle = at.reshape(n, -1), middle.reshape(len(middle), -1)
+    pushed = np.concatenate([middle, np.zeros_like(at[:1])])
     k, d = omega**2, 2.0 * zeta * omega
-    phi = np.empty((len(omega), 2, 2))
-    gamma = np.empty((len(omega), 2, 1))
-    for i in range(len(omega)):
-        whole = np.zeros((3, 3))
-        whole[0, 1], whole[1] = 1.0, (-k[i], -d[i], -1.0)
-        grown = expm(whole * step / 2.0)
-        phi[i], gamma[i] = grown[:2, :2], grown[:2, 2:]
-    x = np.zeros((len(omega), 2, at.shape[1]))
-    pull = np.stack([k, d], axis=1)[:, None, :]
-    out_at = np.empty((len(at), len(omega), at.shape[1]))
-    out_middle = np.empty((len(middle), len(omega), at.shape[1]))
-    for n in range(len(at)):
-        if n in begins:
-            x = np.zeros_like(x)
-        out_at[n] = (pull @ x)[:, 0] + at[n]
-        if n < len(middle):
-            push = gamma * middle[n]
-            x = phi @ x + push
-            out_middle[n] = (pull @ x)[:, 0] + middle[n]
-            x = phi @ x + push
-    return out_at.reshape(*out_at.shape[:2], *shape), out_middle.reshape(*out_middle.shape[:2], *shape)
+    whole = np.zeros((count, 3, 3))
+    whole[:, 0, 1], whole[:, 1] = 1.0, np.stack([-k, -d, np.full(count, -1.0)], axis=1)
+    grown = expm(whole * step / 2.0)
+    out_at, out_middle = np.empty((n, count, at.shape[1])), np.empty((n - 1, count, at.shape[1]))
+    for i in range(count):
+        phi, gamma = grown[i, :2, :2], grown[i, :2, 2]
+        pull, after = np.array([k[i], d[i]]), phi @ gamma + gamma  # held from sample to sample
+        ends = np.array([1.0, -np.trace(phi @ phi), np.linalg.det(phi @ phi)])
+        back = phi @ phi + ends[1] * np.eye(2)
+        rises = np.array([0.0, pull @ after, pull @ back @ after])
+        halfway = (pull @ gamma) * ends + np.array([0.0, pull @ phi @ after, pull @ phi @ back @ after])
+        for first, last in pairwise((*begins, n)):
+            mine = pushed[first:last]
+            out_at[first:last, i] = at[first:last] + lfilter(rises, ends, mine, axis=0)
+            last = min(last, n - 1)
+            out_middle[first:last, i] = (mine + lfilter(halfway, ends, mine, axis=0))[: last - first]
+    return out_at.reshape(n, count, *shape), out_middle.reshape(n - 1, count, *shape)
 
 
 @dataclass(frozen=True)
@@ -349,16 +348,13 @@ def _choose(found: Fit, changes: list[Sensitivity], axes: int, choices: int) -> 
     best = [choices // 2] * axes
     for _ in range(3 if axes > 1 else 1):
         for a in range(axes):
-            ratios = []
-            for i in range(choices):
-                index = [b * choices + (i if b == a else best[b]) for b in range(axes)]
-                one = np.ones((axes, 1))
-                part = gram[np.ix_(index, index)]
-                estimate, _, ratio, _ = least_squares(
-                    one.T @ part @ one, one.T @ slope[index], raw[index].sum(keepdims=True)
-                )
-                ratios.append(ratio if estimate[0] > 0.0 else 0.0)
-            best[a] = int(np.argmax(ratios))
+            index = np.array(
+                [[b * choices + (i if b == a else best[b]) for b in range(axes)] for i in range(choices)]
+            )
+            square = gram[index[:, :, None], index[:, None, :]].sum(axis=(1, 2))
+            along, size = slope[index].sum(axis=1), raw[index].sum(axis=1)
+            seen = (square > EXCITED * size) & (along > 0.0)
+            best[a] = int(np.argmax(np.where(seen, along**2 / np.where(seen, square, 1.0), 0.0)))
     return best
 
 
