@@ -64,18 +64,23 @@ class MeasurementModel:
         if self.model.twists:
             for block in self.data.blocks:
                 if block.quantity == "joint_position":
-                    h[block.rows] += block.gain @ self.model.encoder_twist(t, q, v, tau, a, self.locked)
+                    state = (x[None] for x in (q, v, tau, a))
+                    twist = self.model.encoder_twist(np.array([t]), *state, self.locked)[0]
+                    h[block.rows] += block.gain @ twist
 
-    def all(self, s: States, names: Collection[str] | None = None) -> np.ndarray:
+    def all(
+        self, s: States, names: Collection[str] | None = None, inverse: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return h (N, rows) at many states; an attitude's rows hold the sensor's own error alone.
 
-        ``names`` are the sensors that are read, all if not given; rows of others are zero.
+        ``names`` are the sensors that are read, all if not given; rows of others are zero. ``inverse``
+        (N, nv, nv) are inverse mass matrices where these are known.
         """
         out = np.zeros((len(s.time), self.data.rows))
         for name, sensor in {b.sensor.name: b.sensor for b in self.data.blocks}.items():
             if names is not None and name not in names:
                 continue
-            ideal = exact_readings(self.model, s, sensor, self.locked)
+            ideal = exact_readings(self.model, s, sensor, self.locked, inverse)
             for block in (b for b in self.data.blocks if b.sensor.name == sensor.name):
                 if block.quantity == "attitude":
                     out[:, block.rows] = block.bias

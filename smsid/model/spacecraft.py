@@ -221,37 +221,45 @@ class SpacecraftModel:
 
     def encoder_twist(
         self,
-        t: float,
+        times: np.ndarray,
         q: np.ndarray,
         v: np.ndarray,
         tau: np.ndarray,
         a: np.ndarray,
         held: np.ndarray | None = None,
+        inverse: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return what encoders of the arm joints see of a gear that gives at once, at one state: (joints,)
-        [rad].
+        """Return what encoders of the arm joints see of a gear that gives at once: (N, joints) [rad].
 
-        ``t`` is the time [s], ``tau`` (nv,) are the applied forces, ``a`` (nv,) the accelerations; ``held``
-        are coordinates that do not move. A rotor that gets ahead by phi leaves all else behind, as no force
-        from outside does it: by ``M^-1 r I phi``, where r is the derivative of its rate by v.
+        At states q (N, nq), v (N, nv) at ``times`` (N,) [s], under applied forces ``tau`` (N, nv), with
+        accelerations ``a`` (N, nv); ``held`` are coordinates that do not move, ``inverse`` (N, nv, nv) is
+        M^-1 where that is known. A rotor that gets ahead by phi leaves all else behind, as no force from
+        outside does it: by ``M^-1 r I phi``, where r is the derivative of its rate by v.
         """
-        ahead, behind = np.zeros(len(self.arm_joints)), np.zeros(self.nv)
+        ahead, behind = np.zeros((len(q), len(self.arm_joints))), np.zeros((len(q), self.nv))
         for i, k, twist in self.twists:
-            along, drift = np.eye(1, self.nv, k)[0], 0.0
+            along, drift = np.zeros((len(q), self.nv)), 0.0
+            along[:, k] = 1.0
             if twist.turning is not None:
-                along, drift = twist.turning(q, v)
-            angle = twist.angle(tau[k] - twist.inertia * (along @ a + drift))
-            ahead[i] = angle if twist.read else 0.0
-            behind += twist.inertia * angle * along
-        if behind.any():
-            mass = pin.crba(self.pin, self.data, q)  # its upper triangle
-            if self.inertial is not None:
-                mass = mass + self.inertial.mass_and_bias(t, q, v)[0]
-            if held is not None and len(held):
-                mass, behind = mass.copy(), behind.copy()
-                mass[held], mass[:, held], mass[held, held], behind[held] = 0.0, 0.0, 1.0, 0.0
-            ahead -= lapack.dposv(mass, behind)[1][self.arm_joints.v]
-        return ahead
+                turning = [twist.turning(*state) for state in zip(q, v, strict=True)]
+                along, drift = np.array([x for x, _ in turning]), np.array([x for _, x in turning])
+            angle = twist.angle(tau[:, k] - twist.inertia * (np.einsum("nk,nk->n", along, a) + drift))
+            ahead[:, i] = angle if twist.read else 0.0
+            behind += (twist.inertia * angle)[:, None] * along
+        if not behind.any():
+            return ahead
+        if inverse is None:
+            inverse = np.array([self._inverse_mass(*state, held) for state in zip(times, q, v, strict=True)])
+        return ahead - np.matmul(inverse[:, self.arm_joints.v], behind[:, :, None])[:, :, 0]
+
+    def _inverse_mass(self, t: float, q: np.ndarray, v: np.ndarray, held: np.ndarray | None) -> np.ndarray:
+        """Return M^-1 (nv, nv) at a state; rows and columns of what is ``held`` are zero."""
+        mass = pin.crba(self.pin, self.data, q)  # its upper triangle
+        if self.inertial is not None:
+            mass = mass + self.inertial.mass_and_bias(t, q, v)[0]
+        free = np.ones(self.nv) if held is None else np.bincount(held, minlength=self.nv) == 0
+        free = np.outer(free, free)
+        return free * lapack.dposv(np.where(free, mass, np.eye(self.nv)), np.eye(self.nv))[1]
 
     @property
     def joint_limits(self) -> JointLimits:

@@ -52,11 +52,16 @@ def rotation_matrices(quaternion: np.ndarray) -> np.ndarray:
 
 
 def exact_readings(
-    model: SpacecraftModel, s: States, sensor: Sensor, held: np.ndarray | None = None
+    model: SpacecraftModel,
+    s: States,
+    sensor: Sensor,
+    held: np.ndarray | None = None,
+    inverse: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Return the exact channels of one sensor by name, (N, ...) as in docs/design.md, section 3.
 
-    ``held`` are coordinates (among the nv) whose motion is prescribed.
+    ``held`` are coordinates (among the nv) whose motion is prescribed; ``inverse`` (N, nv, nv) are inverse
+    mass matrices where these are known.
     """
     name, r = sensor.name, np.asarray(sensor.position, dtype=float)
     n = len(s.time)
@@ -81,7 +86,7 @@ def exact_readings(
             }
         case "encoder":
             found = {
-                "joint_position": _unwrapped(model.encoder_angles(s.q)) + _twist(model, s, held),
+                "joint_position": _unwrapped(model.encoder_angles(s.q)) + _twist(model, s, held, inverse),
                 "joint_velocity": model.encoder_rates(s.v),
             }
         case "tachometer":
@@ -92,13 +97,12 @@ def exact_readings(
     return {f"{name}.{k}": v for k, v in found.items() if k in sensor.quantities}
 
 
-def _twist(model: SpacecraftModel, s: States, held: np.ndarray | None) -> np.ndarray:
-    out = np.zeros((len(s.time), len(model.arm_joints)))
-    if model.twists:
-        states = zip(s.time, s.q, s.v, s.tau + s.reaction, s.a, strict=True)
-        for k, (t, q, v, tau, a) in enumerate(states):
-            out[k] = model.encoder_twist(t, q, v, tau, a, held)
-    return out
+def _twist(
+    model: SpacecraftModel, s: States, held: np.ndarray | None, inverse: np.ndarray | None
+) -> np.ndarray | float:
+    if not model.twists:
+        return 0.0
+    return model.encoder_twist(s.time, s.q, s.v, s.tau + s.reaction, s.a, held, inverse)
 
 
 def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
