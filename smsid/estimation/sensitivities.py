@@ -204,11 +204,14 @@ class Sensitivities:
             return None
         old, new = (self.problem.data.with_blocks(s) for s in (before, after))
         locked, states = self.problem.locked, self.run.states
-        some = None
-        if origin.appendages is model.appendages and origin.twists is model.twists:
-            some = {a.name for a, b in zip(before, after, strict=True) if a != b}
-        out = MeasurementModel(model, new, locked).all(states, some)
-        out -= MeasurementModel(origin, old, locked).all(states, some)
+        moved = {"encoder"} if origin.twists != model.twists else set()
+        if origin.appendages is not model.appendages:
+            moved.add("accelerometers")
+        some = {a.name for a, b in zip(before, after, strict=True) if a != b or a.kind in moved}
+        # with other bodies the mass matrix is another one
+        inverse = self.run.inverse if origin.pin == self.model.pin == model.pin else None
+        out = MeasurementModel(model, new, locked).all(states, some, inverse)
+        out -= MeasurementModel(origin, old, locked).all(states, some, inverse)
         for a, b in zip(old.blocks, new.blocks, strict=True):
             if a.delay != b.delay:
                 out[:, a.rows] -= (b.delay - a.delay) * self.rates()[:, a.rows]
@@ -239,12 +242,14 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray 
     """
     n, rows, _ = run.by_a.shape
     m = len(changes)
-    pushed, middle = _stacked([c.middle for c in changes])
-    moved, at = _stacked([c.at for c in changes])
-    seen, reading = _stacked([c.reading for c in changes])
+    # what is alike stands together: adding to scattered columns is slow
+    order = sorted(range(m), key=lambda i: (changes[i].at is None, changes[i].reading is not None))
+    pushed, middle = _stacked([changes[i].middle for i in order])
+    moved, at = _stacked([changes[i].at for i in order])
+    seen, reading = _stacked([changes[i].reading for i in order])
     out = np.empty((m, n, rows))
     block = np.empty((BLOCK, rows, m))
-    now: np.ndarray = np.zeros((run.gain.shape[1], m)) if delta is None else delta.copy()
+    now: np.ndarray = np.zeros((run.gain.shape[1], m)) if delta is None else delta[:, order]
     for k in range(n):
         predicted = run.sensitivity[k] @ now
         if at is not None:
@@ -253,13 +258,13 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray 
             predicted[:, seen] += reading[:, k].T
         np.matmul(run.whitening[k], predicted, out=block[k % BLOCK])
         if k % BLOCK == BLOCK - 1 or k == n - 1:
-            out[:, k - k % BLOCK : k + 1] = block[: k % BLOCK + 1].transpose(2, 0, 1)
+            out[order, k - k % BLOCK : k + 1] = block[: k % BLOCK + 1].transpose(2, 0, 1)
         if k < len(run.transition):
             now = run.transition[k] @ (now - run.gain[k] @ predicted)
             if middle is not None:
                 now[:, pushed] += run.forcing[k] @ middle[:, k].T
     if delta is not None:
-        delta[:] = now
+        delta[:, order] = now
     return out.transpose(1, 2, 0)
 
 
@@ -269,4 +274,5 @@ def _stacked(parts: Sequence[np.ndarray | None]) -> tuple[slice | np.ndarray, np
     if not there:
         return slice(0), None
     places = [i for i, x in enumerate(parts) if x is not None]
-    return slice(None) if len(there) == len(parts) else np.array(places), np.stack(there)
+    close = places[-1] - places[0] == len(places) - 1
+    return slice(places[0], places[-1] + 1) if close else np.array(places), np.stack(there)
