@@ -476,10 +476,8 @@ def discretisation_chi2(found: Fit) -> float:
 
     By the difference to the innovations of a filter with steps of half the length.
     """
-    model = found.point.model()
-    coarse, fine = (
-        run_filter(model, at_point(found.point, problem)).innovations
-        for problem in (found.problem, with_half_the_step(found.problem))
-    )
-    left = found.left((fine - coarse).reshape(-1, 1))
+    coarse = found.changes  # where the filter ran: the last step of a fit is not filtered again
+    finer = at_point(coarse.point, with_half_the_step(found.problem))
+    fine = run_filter(coarse.point.model(), finer)
+    left = found.left((fine.innovations - coarse.run.innovations).reshape(-1, 1))
     return float(np.vdot(left, left))
