@@ -71,6 +71,12 @@ def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fi
 
     Raises `SimulationError` when the start cannot be filtered.
     """
+    try:
+        found = fit(point, unknowns, problem, iterations=3)
+        if normalised_rmse(found.run) <= MISFIT:
+            return Fitted(found, np.ones(problem.data.rows))
+    except SimulationError as error:
+        LOGGER.info("not at once: %s", error)
     # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
     near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
     return Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))

@@ -359,7 +359,7 @@ class GravityGradientHypothesis(Candidate):
         bodies = Bodies(changes.model.pin)
 
         def along(states: States) -> np.ndarray:
-            return self.steps[0] * np.array([bodies.tide(q, FIELDS) for q in states.q])
+            return self.steps[0] * bodies.tide(states.q, FIELDS)
 
         middle, at = along(changes.run.middle), along(changes.run.states)
         return [changes.force(middle[:, k], at[:, k]) for k in range(len(FIELDS))]

@@ -145,7 +145,7 @@ class _Tide(ForceLaw):
             self.bodies = Bodies(self.pin)
         vertical = np.cos(self.rate * t) * self.down + np.sin(self.rate * t) * self.ahead
         field = self.gradient * (3.0 * np.outer(vertical, vertical) - np.eye(3))
-        tau += self.bodies.tide(q, field[None])[0]
+        tau += self.bodies.tide(q[None], field[None])[0, 0]
 
 
 class Bodies:
@@ -165,27 +165,29 @@ class Bodies:
             for j in model.supports[joint]:
                 self.carried[row, model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = float(j > 0)
 
-    def tide(self, q: np.ndarray, fields: np.ndarray) -> np.ndarray:
-        """Return the generalised forces (n, nv) of acceleration fields ``G (x - c)``, c the centre of mass.
+    def tide(self, states: np.ndarray, fields: np.ndarray) -> np.ndarray:
+        """Return the generalised forces (N, n, nv) of acceleration fields ``G (x - c)``, c the mass centre.
 
-        ``fields`` (n, 3, 3) are symmetric matrices G [1/s^2], inertial axes.
+        ``states`` (N, nq) are places; ``fields`` (n, 3, 3) symmetric matrices G [1/s^2], inertial axes.
         """
-        model, data = self.pin, self.data
-        # columns about the inertial origin and axes
-        jacobians = np.reshape(pin.computeJointJacobians(model, data, q), (6, model.nv))
-        places = [data.oMi[j] for j in self.chosen]
-        turn = np.array([p.rotation for p in places])
-        at = np.array([p.translation for p in places]) + np.einsum("bij,bj->bi", turn, self.lever)
-        away = at - self.mass @ at / self.mass.sum()
+        model, data, bodies = self.pin, self.data, len(self.chosen)
+        jacobians = np.empty((len(states), 6, model.nv))  # columns about the inertial origin and axes
+        turn, at = np.empty((len(states), bodies, 3, 3)), np.empty((len(states), bodies, 3))
+        for k, q in enumerate(states):
+            jacobians[k] = pin.computeJointJacobians(model, data, q)
+            for i, j in enumerate(self.chosen):
+                turn[k, i], at[k, i] = data.oMi[j].rotation, data.oMi[j].translation
+        at += np.einsum("tbij,bj->tbi", turn, self.lever)
+        away = at - (self.mass @ at / self.mass.sum())[:, None]
         # int x (x - c)' dm about the inertial origin
         lever = (
-            turn @ self.second @ turn.transpose(0, 2, 1)
-            + (self.mass[:, None] * at)[:, :, None] * away[:, None]
+            turn @ self.second @ turn.swapaxes(2, 3)
+            + (self.mass[:, None] * at)[..., None] * away[..., None, :]
         )
-        force = self.mass[:, None] * (away @ fields)  # (n, bodies, 3)
-        moment = (lever @ fields[:, None]).reshape(len(fields), -1, 9) @ TWISTED
+        force = self.mass[:, None] * (away[:, None] @ fields)  # (N, n, bodies, 3)
+        moment = (lever[:, None] @ fields[:, None]).reshape(*force.shape[:3], 9) @ TWISTED
         wrench = np.concatenate([force, moment], axis=-1)
-        return np.sum((wrench @ jacobians) * self.carried, axis=1)
+        return np.einsum("tnbk,tkv,bv->tnv", wrench, jacobians, self.carried, optimize=True)
 
 
 @register
