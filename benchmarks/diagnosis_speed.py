@@ -2,8 +2,8 @@
 
     python benchmarks/diagnosis_speed.py --beside ../before [--seeds-from 970000] [--runs 24]
 
-Worlds and what they hide are those of `hidden_effects`. Every diagnosis runs in a process of its own, of which
-the time from files to document counts, without imports and compilation. It also says where verdict, causes or
+Worlds and what they hide are those of `hidden_effects`. Every diagnosis runs in a process of its own; the
+time from files to document counts, without imports and compilation. It also says where verdict, causes or
 their values (by more than a tenth of their standard deviation) are others.
 """
 
