@@ -305,7 +305,7 @@ class ThresholdHypothesis(Searched):
         for threshold in self._thresholds(changes):
             plain = mine.model_copy(update={self.field: threshold})
             more = plain.with_values({self.free[0]: strength + self.steps[0]})
-            found.append(changes.effect(plain, more, 1.0))
+            found += self._joint_torques(plain, changes) or [changes.effect(plain, more, 1.0)]
         return found
 
     def scored(self, found: Fit, own: Projected) -> Score:

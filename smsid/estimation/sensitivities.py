@@ -96,6 +96,7 @@ class Sensitivities:
             raise NotIdentifiableError(
                 f"'{changed.name}' adds joints.", advice="Fit it through simulation.", effect=changed.name
             )
+        forces = forces and not _move_alike(origin, model)
         middle = at = None
         if forces or cls.drive is not Effect.drive:
             pushed = [
@@ -216,6 +217,16 @@ class Sensitivities:
             if a.delay != b.delay:
                 out[:, a.rows] -= (b.delay - a.delay) * self.rates()[:, a.rows]
         return out
+
+
+def _move_alike(one: SpacecraftModel, other: SpacecraftModel) -> bool:
+    """Whether two models have the same bodies, springs and further forces: what differs is only read."""
+    return (
+        one.pin == other.pin
+        and np.array_equal(one.stiffness, other.stiffness)
+        and np.array_equal(one.damping, other.damping)
+        and (one.loads, one.forces, one.inertial) == (other.loads, other.forces, other.inertial)
+    )
 
 
 def _forces_along(model: SpacecraftModel, states: States, out: np.ndarray) -> None:
