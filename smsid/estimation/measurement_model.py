@@ -64,9 +64,10 @@ class MeasurementModel:
         if self.model.twists:
             for block in self.data.blocks:
                 if block.quantity == "joint_position":
-                    state = (x[None] for x in (q, v, tau, a))
-                    twist = self.model.encoder_twist(np.array([t]), *state, self.locked)[0]
-                    h[block.rows] += block.gain @ twist
+                    here = self.model.encoder_twist(
+                        np.array([t]), q[None], v[None], tau[None], a[None], self.locked
+                    )
+                    h[block.rows] += block.gain @ here[0]
 
     def all(
         self, s: States, names: Collection[str] | None = None, inverse: np.ndarray | None = None
