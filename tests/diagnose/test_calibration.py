@@ -163,7 +163,7 @@ def test_not_knowing_when_it_began_is_in_every_interval():
     )
     own = Candidate("joint_friction", "joint1", "friction", "viscous", None, ("rub.viscous",), (1.0,))
     began = {"rub": SimpleNamespace(covariance=np.array([[5.0]]))}
-    found = SimpleNamespace(last=last)
+    found = SimpleNamespace(last=last, bent={})
     assert verdict.values(found, own)[0].sigma == pytest.approx(2.0)
     assert verdict.values(found, own, began)[0].sigma == pytest.approx(3.0)
 

@@ -72,7 +72,7 @@ def test_parameters_are_as_uncertain_as_when_they_began_makes_them(known, proble
     starts = onset_posteriors(found, [cause, cause])
     assert list(starts) == [late.name]
     assert not onset_posteriors(found, [cause], {late.name})  # it is said to begin then
-    (value,) = values(SimpleNamespace(last=found), own, starts)
+    (value,) = values(SimpleNamespace(last=found, bent={}), own, starts)
     alone = found.sigma(value.name)
     assert value.sigma**2 == pytest.approx(alone**2 + starts[late.name].covariance[k, k])
     assert value.sigma > 1.05 * alone

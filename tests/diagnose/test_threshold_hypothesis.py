@@ -74,7 +74,7 @@ def test_a_crossing_that_does_not_show_counts_in_the_gaps_uncertainty(known, pro
     own = replace(own, effect=own.effect.model_copy(update={"prior": {"turn_torque": torque}}))
     assert crossing in own.also
     last = evaluate(known.point.with_effect(own.effect), (*known.unknowns, *own.unknowns(())), problem)
-    (value,) = values(SimpleNamespace(last=last), own)
+    (value,) = values(SimpleNamespace(last=last, bent={}), own)
     assert value.value == gap
     assert low * gap < value.sigma <= high * gap
     assert value.sigma >= last.sigma(own.free[0])

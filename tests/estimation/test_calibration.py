@@ -72,7 +72,8 @@ def test_information_of_noise_levels_is_half_the_trace():
     used = np.ones((n, rows), dtype=bool)
     errors = np.zeros((n, rows))
     for given in (np.zeros(rows, dtype=bool), np.array([True, False, False])):
-        here = SimpleNamespace(used=used, errors=errors, whitening=whitening, given=given)
+        own = {"used": used, "errors": errors, "innovations": errors, "given": given}
+        here = SimpleNamespace(whitening=whitening, **own)
         louder = SimpleNamespace(used=used, errors=errors, whitening=whitening / np.sqrt(1.0 + width))
         column = _column(here, louder, width, np.linalg.inv(whitening))  # S grows in proportion: S^-1 dS = 1
         assert column @ column == pytest.approx(0.5 * (~given).sum() * n, rel=1e-3)
