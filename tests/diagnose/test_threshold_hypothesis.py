@@ -78,7 +78,7 @@ def test_a_crossing_that_does_not_show_counts_in_the_gaps_uncertainty(known, pro
     assert value.value == gap
     assert low * gap < value.sigma <= high * gap
     assert value.sigma >= last.sigma(own.free[0])
-    (alone,) = values(SimpleNamespace(last=last), replace(own, also=()))
+    (alone,) = values(SimpleNamespace(last=last, bent={}), replace(own, also=()))
     assert alone.sigma == pytest.approx(last.sigma(own.free[0]))
     assert alone.sigma < 0.1 * gap
 
