@@ -39,9 +39,10 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
     data = problem.data
     prior = initial_belief(model, data, problem.locked, InitialPrior(hidden=problem.noise.hidden))
     weight = np.linalg.pinv(prior.covariance, hermitian=True)
-    at = _smoothed_start(model, problem, closed or run_filter(model, problem))
-    best = _simulated(model, problem, at, derive=True)
-    used, by_start = best.used, _by_start(best)
+    closed = closed or run_filter(model, problem)
+    at = _smoothed_start(model, problem, closed)
+    used, best = closed.used, replace(_simulated(model, problem, at), used=closed.used)
+    by_start, exact = _by_start(closed, model.nv), False
     level = _levels(data, best)
     cost = _cost(best, level)
     for _ in range(STEPS):
@@ -66,11 +67,12 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
             if _cost(run, level) < cost:
                 better = trial, run
                 break
-        if better is None:
+        if better is None and exact:
             break
-        at, best = better
-        if cost - _cost(best, level) < TRUE * promised:  # curved: derivatives are those of here
-            by_start = _by_start(_simulated(model, problem, at, derive=True))
+        at, best = better or (at, best)
+        exact = cost - _cost(best, level) < TRUE * promised
+        if exact:  # curved, or not followed as the filter does: derivatives are those of here
+            by_start = _by_start(_simulated(model, problem, at, derive=True), model.nv)
         level = _levels(data, best)
         cost = _cost(best, level)
     return best
@@ -99,14 +101,15 @@ def _simulated(model: SpacecraftModel, problem: Problem, start: Belief, *, deriv
     return run_filter(model, alone, until=np.inf if derive else -np.inf)
 
 
-def _by_start(run: FilterRun) -> np.ndarray:
+def _by_start(run: FilterRun, nv: int) -> np.ndarray:
     """Return how the readings change with the initial state (N, rows, 2 nv)."""
-    n, rows, width = run.sensitivity.shape
-    out, carried = np.zeros((n, rows, width)), np.eye(width)
+    n, rows, _ = run.sensitivity.shape
+    state = slice(2 * nv)  # without unknown inputs and biases that wander
+    out, carried = np.zeros((n, rows, 2 * nv)), np.eye(2 * nv)
     for k in range(n):
-        out[k] = run.sensitivity[k] @ carried
+        out[k] = run.sensitivity[k, :, state] @ carried
         if k < len(run.transition):
-            carried = run.transition[k] @ carried
+            carried = run.transition[k, state, state] @ carried
     return out * run.used[:, :, None]
 
 
