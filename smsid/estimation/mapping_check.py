@@ -32,6 +32,7 @@ ERRING = (0.3, 0.03)  # shares of what drives the motion by which a description 
 RATE = 10.0  # [1/s] of the samples that are looked at
 CLEAR = 0.5  # of the errors as recorded, below which what is left tells that a column is wrong
 FITTED = 0.5  # the same of their squares where parameters are fitted
+FOLLOWED = 3.0  # times what a model that may err expects, beyond which it follows no motion, mended or not
 LIKELY = 3  # hypotheses, the likeliest, whose parameters are fitted where none is clear without
 OF_JOINTS = ("joint_position", "joint_velocity", "joint_acceleration", "joint_torque")
 OF_WHEELS = ("wheel_rate", "wheel_torque")
@@ -55,12 +56,12 @@ def _wrong_column(point: Point, recording: Recording) -> str:
         as_recorded = _errors(point, recording, share)
         likely = [(_errors(point, r, share), words, r) for _, words, r in likely]
         likely = sorted((x for x in likely if x[0] < as_recorded), key=lambda x: x[0])
-        if likely and likely[0][0] < CLEAR * as_recorded:
+        if likely and likely[0][0] < min(CLEAR * as_recorded, FOLLOWED):
             return _sentence(recording, likely[0][1], likely[0][0] / as_recorded)
     likely = [(_fitted_errors(point, r), words, r) for _, words, r in likely[:LIKELY]]
     left, words, _ = min(likely, default=(np.inf, "", recording), key=lambda x: x[0])
     share = left / _fitted_errors(point, recording) if np.isfinite(left) else np.inf
-    return _sentence(recording, words, share) if share**2 < FITTED else ""
+    return _sentence(recording, words, share) if share**2 < FITTED and left < FOLLOWED else ""
 
 
 def _sentence(recording: Recording, words: str, share: float) -> str:

@@ -41,6 +41,12 @@ def test_axes_of_thrust_are_named(columns, signs, words, described, flown):
     assert words in said
 
 
+def test_no_column_is_blamed_where_the_motion_is_not_followed_with_it_mended_either(described, flown):
+    """Recorded is one force all along: exchanged axes of it left a seventh of the errors, and far too much."""
+    force = np.zeros_like(np.asarray(flown["command.force"])) + [2.0, 1.0, 0.0]
+    assert not wrong_columns(described, [flown.with_channels({"command.force": force})])
+
+
 def test_wheels_that_have_each_others_names_are_named_in_any_order_of_columns(described, flown):
     """Their torques and rates agree: only parameters that are fitted leave the one and not the other."""
     order = [2, 1, 0]
