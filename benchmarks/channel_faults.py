@@ -32,7 +32,7 @@ from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate, load_estimate, save_estimate
 from smsid.recording import Recording, load_recording, save_recording
 from smsid.recording._attitude import conjugate
-from smsid.recording.checks import Finding
+from smsid.recording.checks import SampleFault
 
 CLAIM = "faults of components are named, and none that matters passes identify in silence"
 FAULTS = (
@@ -85,7 +85,7 @@ def plant(
     return recording.with_channels({channel: x}), touched
 
 
-def is_right(findings: tuple[Finding, ...], channel: str, kind: str, labels: tuple[str, ...]) -> bool:
+def is_right(findings: tuple[SampleFault, ...], channel: str, kind: str, labels: tuple[str, ...]) -> bool:
     """Say whether a finding names channel (or pair), kind and components."""
     kind = "outlier" if kind == "single outlier" else kind
     return any(

@@ -24,7 +24,7 @@ from smsid.control.gains import gains  # noqa: E402
 from smsid.control.hinfinity import Plant, synthesize  # noqa: E402
 from smsid.control.robust_term import design_robust_term, error_plant  # noqa: E402
 from smsid.control.statespace import StateSpace, hinf_norm, lower_lft  # noqa: E402
-from smsid.control.weights import Weights  # noqa: E402
+from smsid.control.weights import DesignWeights  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 from smsid.paper.table4 import Study, Variant, cases  # noqa: E402
@@ -52,7 +52,7 @@ def plants() -> dict[str, Plant]:
         term = design_robust_term(k, w)
         for block, what in ((term.blocks[0], "roll"), (term.blocks[3], "joint1")):
             one, slower = block.coordinates, block.crossover / w.crossover
-            part = Weights(
+            part = DesignWeights(
                 w.disturbance[one],
                 np.sqrt(slower) * w.angle_noise[one],
                 np.sqrt(slower) * w.rate_noise[one],

@@ -28,7 +28,7 @@ from smsid.control.robust import flexible_plant, named_poles  # noqa: E402
 from smsid.control.trajectory import (  # noqa: E402
     Motion,
     Reference,
-    Shaped,
+    ShapedMotion,
     check_joints,
     minimum_jerk,
     shaper,
@@ -59,7 +59,7 @@ def motions(
             made = shaper(kind, [off * f for f, _ in modes], [z for _, z in modes])  # type: ignore[arg-type]
             what = " and ".join("panel" if m is panel else "slosh" for m in modes)
             label = f"{kind.upper()} for {what}" + (", frequencies 10 % off" if off != 1.0 else "")
-            found[label] = Shaped(_trapezoid(start, over - float(made.times[-1])), made)
+            found[label] = ShapedMotion(_trapezoid(start, over - float(made.times[-1])), made)
     return found
 
 

@@ -28,7 +28,7 @@ from _common import RESULTS, ROOT, environment, write_result  # noqa: E402
 
 from smsid.control.gains import gains  # noqa: E402
 from smsid.control.identified_model import identified_level, identified_model, inertia_at  # noqa: E402
-from smsid.control.reduced import ReducedDynamics, perturbed  # noqa: E402
+from smsid.control.reduced import ReducedDynamics, perturb_bodies  # noqa: E402
 from smsid.control.robust import closed_loop_matrix, flexible_plant  # noqa: E402
 from smsid.control.robust_term import guarded_term  # noqa: E402
 from smsid.control.robustness import robust_stability  # noqa: E402
@@ -91,7 +91,7 @@ def stated(study: Study) -> list[dict]:
         least: dict[tuple[str, str], list[float]] = {}
         for _ in range(PLANTS):
             plant = flexible_plant(moved(study.model, level, rng), home)
-            inertia = inertia_at(perturbed(exact, level, rng), home)
+            inertia = inertia_at(perturb_bodies(exact, level, rng), home)
             for (name, label), (k, term) in laws.items():
                 poles = np.linalg.eigvals(closed_loop_matrix(plant, inertia, k, term))
                 least.setdefault((name, label), []).append(float((-poles.real / np.abs(poles)).min()))

@@ -31,7 +31,7 @@ from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.kernel.jit import SWITCH  # noqa: E402
 from smsid.model import build_model  # noqa: E402
-from smsid.paper.table4 import CONTROLLERS, INTEGRATED_GYRO, Case, Run, Study, Variant, cases  # noqa: E402
+from smsid.paper.table4 import CONTROLLERS, INTEGRATED_GYRO, Run, Study, Table4Row, Variant, cases  # noqa: E402
 from smsid.paper.table4_study import improvements, orderings, printed, summarise  # noqa: E402
 
 LINES = ROOT / "build" / "table4_runs.jsonl"
@@ -119,7 +119,7 @@ def main() -> None:
     draws = {v: options.draws if v in (MAIN.name, QUIET, GYRO) else options.other_draws for v in VARIANTS}
     in_print = [c for c in cases() if c.paper]
 
-    def flights(variants: Sequence[str], wanted: Sequence[Case], begin: int) -> list[tuple]:
+    def flights(variants: Sequence[str], wanted: Sequence[Table4Row], begin: int) -> list[tuple]:
         found = []
         for v, c, k in itertools.product(variants, wanted, CONTROLLERS):
             left = [d for d in range(begin, min(begin + TOGETHER, draws[v])) if (v, c.name, k, d) not in done]

@@ -17,7 +17,7 @@ import numpy as np
 from smsid.control.closed_loop import track
 from smsid.control.design import DesignRequest, design
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics, perturbed
+from smsid.control.reduced import ReducedDynamics, perturb_bodies
 from smsid.control.trajectory import Reference, minimum_jerk
 from smsid.description import load_description
 from smsid.experiments import fly, named_experiment
@@ -48,7 +48,7 @@ def main(folder: Path) -> None:
 
     home = truth.joint_angles(truth.home)
     reference = Reference(minimum_jerk(home, home + 0.2, 20.0))
-    wrong = perturbed(ReducedDynamics(truth), 0.20, np.random.default_rng(3))
+    wrong = perturb_bodies(ReducedDynamics(truth), 0.20, np.random.default_rng(3))
     figure, (base, joints) = plt.subplots(2, sharex=True, figsize=(8, 5), layout="constrained")
     for name, dynamics in (("identified", made.dynamics), ("20 % off", wrong)):
         law = ModelBasedController(dynamics, made.term.gains, reference, robust=made.term, period=1.0 / RATE)

@@ -70,7 +70,7 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises:
         OutputError: ``path`` exists and is not an empty folder, its parent is missing, or the disk is full.
     """
-    target = _resolved(path)
+    target = _resolve_path(path)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise OutputError(
             f"'{path}' exists and is not an empty folder.", advice="Name a new folder.", path=str(path)
@@ -94,7 +94,7 @@ def check_target(path: str | os.PathLike[str]) -> Path:
         OutputError: its folder does not exist, it is a folder, a device, a pipe, or not to be written to, a
             link leads to itself, the name is no file's, or it is an input of the command under way.
     """
-    target = _resolved(path)
+    target = _resolve_path(path)
     _check_parent(target, path)
     try:
         mode = target.stat().st_mode
@@ -143,7 +143,7 @@ def file_stem(name: str) -> str:
     return name
 
 
-def _resolved(path: str | os.PathLike[str]) -> Path:
+def _resolve_path(path: str | os.PathLike[str]) -> Path:
     """Return the path with links followed; a name that the system cannot have is our own error."""
     try:
         target = Path(path).resolve()

@@ -116,7 +116,7 @@ def wrong_column(
     """Return the sign, unit or order that `joint_doubts` finds wrong; `None` if none is."""
     joints = rigid_arm(description, hold).arm_joints.names
     description = with_joint_effects(description, joints, "joint_friction", "torque_offset", "motor_inertia")
-    seen = _Compared(description, recording, cutoff, hold)
+    seen = _BlockMeans(description, recording, cutoff, hold)
     as_recorded = seen.errors(_as_recorded(seen.names))
     found = []
     for trial in _trials(seen.names):
@@ -181,7 +181,7 @@ def scale_doubts(scales: Sequence[TorqueScale]) -> tuple[JointDoubt, ...]:
     """Return joints whose torque signals are further than a factor of two from what their links need."""
     doubts = []
     for s in scales:
-        if not s.sure or 1.0 / FAR < s.value < FAR:
+        if not s.is_significant or 1.0 / FAR < s.value < FAR:
             continue
         guess = "is it a current, measured at the motor before its gear, or is a load not described?"
         told = (
@@ -192,7 +192,7 @@ def scale_doubts(scales: Sequence[TorqueScale]) -> tuple[JointDoubt, ...]:
     return tuple(doubts)
 
 
-class _Compared:
+class _BlockMeans:
     """Mean motion and torques of blocks of a recording, to be compared with a description.
 
     ``torque`` (B, nv); ``index`` (joints,) says where in it the joints ``names`` stand.
@@ -230,7 +230,7 @@ class _Compared:
             columns = np.column_stack([links[:, j], extra[:, j][:, acts]])
             limits = np.vstack([[0.0, np.inf], bounds[acts]])  # the links' torque has one sign
             size = np.linalg.norm(torque[:, k])
-            out[k] = _left(columns, torque[:, k], limits) / size if size > 0.0 else 0.0
+            out[k] = _residual_norm(columns, torque[:, k], limits) / size if size > 0.0 else 0.0
         return out
 
     def _at(self, trial: _Trial) -> tuple[np.ndarray, np.ndarray]:
@@ -249,7 +249,7 @@ class _Compared:
         return self._rows[key]
 
 
-def _left(columns: np.ndarray, target: np.ndarray, limits: np.ndarray) -> float:
+def _residual_norm(columns: np.ndarray, target: np.ndarray, limits: np.ndarray) -> float:
     """Return the norm of what columns (B, n) with coefficients within limits (n, 2) leave of a target."""
     size = np.linalg.norm(columns, axis=0)
     columns, limits = columns[:, size > 0.0] / size[size > 0.0], limits[size > 0.0]

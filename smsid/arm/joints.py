@@ -10,7 +10,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 
-def shortened(names: Sequence[str]) -> list[str]:
+def name_patterns(names: Sequence[str]) -> list[str]:
     """Return patterns for names: ``hand_*`` for three or more that begin alike up to their first
     underscore.
     """
@@ -20,7 +20,7 @@ def shortened(names: Sequence[str]) -> list[str]:
     return [p for stem, own in families.items() for p in ([f"'{stem}_*'"] if len(own) > 2 else own)]
 
 
-def unlabelled(channel: str) -> RecordingError:
+def unlabelled_error(channel: str) -> RecordingError:
     """Return the error of a channel whose joints have no names."""
     return RecordingError(
         f"The joints of '{channel}' have no names.",
@@ -50,7 +50,7 @@ def with_joint_order(model: SpacecraftModel, recording: Recording) -> Recording:
     for name in recording.channels:
         dims = [d for d in recording.columns(name) if d.rpartition(".")[2] == "joint"]
         if any(d not in labels for d in dims):
-            raise unlabelled(name)
+            raise unlabelled_error(name)
     try:
         ordered = order_columns(recording, model)
     except RecordingError as error:
@@ -58,8 +58,8 @@ def with_joint_order(model: SpacecraftModel, recording: Recording) -> Recording:
         if not lacking:
             raise
         held = (
-            f"Hold joints that were not measured: --hold {' --hold '.join(shortened(lacking))}. Of one that "
-            "bends and has no motor only the torque may be missing: --passive."
+            f"Hold joints that were not measured: --hold {' --hold '.join(name_patterns(lacking))}. "
+            "Of one that bends and has no motor only the torque may be missing: --passive."
         )
         raise RecordingError(error.message, advice=f"{error.advice} {held}", **error.evidence) from error
     if model.followers is not None:

@@ -62,7 +62,7 @@ class Level:
         """Return gravity (3,) at a tilt (2,) [rad]."""
         return tilted_gravity(self.gravity, *np.asarray(tilt, dtype=float))
 
-    def turned(self, torques: JointTorques, tilt: np.ndarray) -> JointTorques:
+    def equations_at_tilt(self, torques: JointTorques, tilt: np.ndarray) -> JointTorques:
         """Return equations that are of the tilt ``own`` at another tilt (2,) [rad]."""
         rows = np.array(torques.rows)
         rows[:, :, : self.unit.shape[2]] += self.unit @ (self.at(tilt) - self.at(self.own))

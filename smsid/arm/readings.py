@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from smsid.arm.joints import unlabelled, with_joint_order
+from smsid.arm.joints import unlabelled_error, with_joint_order
 from smsid.arm.units import slides
 from smsid.effects.gear import gear_matrix, gears_of
 from smsid.effects.joint_bias import encoder_zeros
@@ -163,7 +163,7 @@ def with_passive_joints(recording: Recording, joints: Sequence[str]) -> Recordin
     channel = measured_channel(recording, "joint_torque")
     source, dim = channel.partition(".")[0], list(recording.columns(channel))[-1]
     if dim not in recording.labels:
-        raise unlabelled(channel)
+        raise unlabelled_error(channel)
     known, values = recording.labels[dim], np.asarray(recording[channel], dtype=float)
     torque = np.where(np.isin(known, joints), 0.0, values)
     new = [j for j in joints if j not in known]

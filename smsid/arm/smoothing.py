@@ -63,7 +63,7 @@ class Samples:
     rate_time: np.ndarray
     rate: np.ndarray
 
-    def averaged(self, count: int) -> Samples:
+    def neighbour_means(self, count: int) -> Samples:
         """Return the means of ``count`` neighbours each, where no rate is measured."""
         if count == 1 or self.rate.size:
             return self
@@ -105,7 +105,7 @@ def smooth_joint(pieces: Sequence[Samples]) -> SmoothJoint:
     """
     fits: list[_Fit] = []
     for order in ORDERS:
-        fits.append(_fitted(pieces, order, fits[-1] if fits else None))
+        fits.append(_fit_order(pieces, order, fits[-1] if fits else None))
         if len(fits) > 1 and fits[-1].criterion > fits[-2].criterion:
             break
     best = min(fits, key=lambda f: f.criterion)
@@ -161,7 +161,7 @@ class _Fit:
         density = self.variance / (known + smooth)
         return np.sqrt([np.trapezoid(omega ** (2 * d) * density, omega) / np.pi for d in range(3)])
 
-    def reweighted(self) -> float:
+    def noise_ratio(self) -> float:
         """Return the squared ratio of an angle's noise to a rate's, from what the spline leaves of both."""
         omega, known, smooth = self._spectra
         angles, rates = sum(b.samples for b in self.bases), sum(b.rate_samples for b in self.bases)
@@ -183,7 +183,7 @@ class _Fit:
         return float(value - rates * np.log(self.weight) if rates else value)
 
 
-def _fitted(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _Fit:
+def _fit_order(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _Fit:
     """Fit splines of an order with as many knots as they ask for, from a fit ``before`` of another order."""
     step = float(np.median(np.concatenate([np.diff(p.time) for p in pieces])))
     shortest = min(float(p.time[-1] - p.time[0]) for p in pieces)
@@ -199,12 +199,12 @@ def _fitted(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _Fit:
     while True:
         if not before and not rates:
             merged = max(1, int(1.0 / (SAMPLES_PER_KNOT * knots * step)))
-        bases = [_Basis(p.averaged(merged), knots, order) for p in pieces]
+        bases = [_Basis(p.neighbour_means(merged), knots, order) for p in pieces]
         for _ in range(SWEEPS + 1 if rates else 1):
             near = _likeliest(bases, weight, None if near is None else near - np.log(step * merged))
             found = _Fit(bases, near, weight, step * merged, knots, merged)
             near += np.log(step * merged)
-            weight = found.reweighted() if rates else 0.0
+            weight = found.noise_ratio() if rates else 0.0
         if knots >= 0.999 * most or found.cutoff * KNOTS_PER_PERIOD <= knots:
             return found
         more = min(max(2.0 * knots, KNOTS_PER_PERIOD * min(found.cutoff, 4.0 * knots)), most)
@@ -265,19 +265,19 @@ class _Basis:
         bands = self.normal + 1e-9 * self.penalty
         bands[0] += 1e-12 * bands[0].max()
         root = cholesky_banded(bands, overwrite_ab=True, lower=True, check_finite=False)
-        slope = self.design.transposed(self.value)
+        slope = self.design.transpose_product(self.value)
         if self.rate_samples:
-            slope += weight * self.rate_design.transposed(self.rate)
+            slope += weight * self.rate_design.transpose_product(self.rate)
         self.rough = cho_solve_banded((root, True), slope, check_finite=False)
         self.slope, self.rest = self._misfit(self.rough)
         self.bent = _times(self.penalty, self.rough)
 
     def _misfit(self, found: np.ndarray) -> tuple[np.ndarray, float]:
         left = self.value - self.design @ found
-        slope, square = self.design.transposed(left), float(left @ left)
+        slope, square = self.design.transpose_product(left), float(left @ left)
         if self.rate_samples:
             behind = self.rate - self.rate_design @ found
-            slope = slope + self.weight * self.rate_design.transposed(behind)
+            slope = slope + self.weight * self.rate_design.transpose_product(behind)
             square += self.weight * float(behind @ behind)
         return slope, square
 
@@ -337,7 +337,7 @@ class _Rows:
             weight = self.phase if weight is None else weight * self.phase
         return out
 
-    def transposed(self, values: np.ndarray) -> np.ndarray:
+    def transpose_product(self, values: np.ndarray) -> np.ndarray:
         """Sums (size,) over the samples of values (n,) times each spline."""
         local = self.polynomials.T @ self.moments(values, len(self.polynomials))
         out = np.zeros(self.count + len(local) - 1)

@@ -78,7 +78,7 @@ def solve_equations(
     load, described = torques.torque, torques
     tilt, late = level.own + FIRST if level else np.zeros(0), IN_STEP
     if level:
-        torques = level.turned(described, tilt)
+        torques = level.equations_at_tilt(described, tilt)
     shapes = friction_shapes(model, motion, torques, load)
     effects = {e.name: e for e in model.description.effect}
     leaning, count = len(base) + tilt.size, len(base) + tilt.size + 1
@@ -88,7 +88,7 @@ def solve_equations(
     x = np.zeros(len(base))
     for k in range(ROUNDS):
         if level:
-            torques = level.turned(described, tilt)
+            torques = level.equations_at_tilt(described, tilt)
         if late.value:
             aligned = torque_means(motion, torques.starts, late.value)
             torques = replace(torques, torque=aligned if described.used is None else aligned * described.used)

@@ -40,7 +40,7 @@ class TorqueScale:
     sigma: float
 
     @property
-    def sure(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether it is significantly different from zero."""
         return bool(abs(self.value) > SURE * self.sigma)
 
@@ -133,7 +133,7 @@ def with_torque_gains(description: Description, scales: Sequence[TorqueScale]) -
             raise DescriptionError(
                 f"Joint '{scale.joint}' has no effect of kind 'gear' to carry the gain.", advice="Add one."
             )
-        if not scale.sure:
+        if not scale.is_significant:
             raise DescriptionError(
                 f"The torque signal of '{scale.joint}' is {scale.value:.3g} +- {1.96 * scale.sigma:.2g} "
                 "times what its links need: no gain can be told from it.",

@@ -64,7 +64,7 @@ def run_campaign(
     """
     count = _checked(backend, workers, dask_address)
     runs = prepared.campaign.runs
-    pending = store.pending(runs, retry_failed=retry_failed)
+    pending = store.pending_runs(runs, retry_failed=retry_failed)
     failed = len([i for i in store.failed if i < runs])
     retried = set(pending) & set(store.failed)
     failed -= len(retried)
@@ -103,7 +103,7 @@ def run_once(prepared: PreparedCampaign, run: int) -> RunRecord:
                 )
             record = RunRecord(run=run, status="ok", outcomes=found.outcomes, notes=found.notes)
         except Exception as error:  # a campaign goes on, whatever one run does
-            record = RunRecord(run=run, status="failed", error=_told(error))
+            record = RunRecord(run=run, status="failed", error=_error_record(error))
     return record.model_copy(update={"seconds": round(time.perf_counter() - started, 3)})
 
 
@@ -131,7 +131,7 @@ def _checked(backend: str, workers: int | None, address: str | None) -> int:
     return workers or joblib.cpu_count()
 
 
-def _told(error: Exception) -> RunError:
+def _error_record(error: Exception) -> RunError:
     """Return what to store of an error, without what differs from run to run of the same case."""
     message = _TEMPORARY.sub("", str(error))[:MESSAGE_LENGTH]
     frames = traceback.extract_tb(error.__traceback__)

@@ -114,7 +114,7 @@ class CampaignStore:
         """Runs that ended in an error."""
         return tuple(sorted(run for run, ok in self._status.items() if not ok))
 
-    def pending(self, runs: int, *, retry_failed: bool = False) -> list[int]:
+    def pending_runs(self, runs: int, *, retry_failed: bool = False) -> list[int]:
         """Return which of ``range(runs)`` are still to be done."""
         return [i for i in range(runs) if i not in self._status or (retry_failed and not self._status[i])]
 

@@ -15,8 +15,8 @@ from typer.core import TyperGroup
 
 from smsid._version import __version__
 from smsid._xacro_arguments import xacro_arguments
-from smsid.cli.errors import Outcome, error_document, mannered, print_json
-from smsid.cli.output import WIDTH, error_console, wrapped
+from smsid.cli.errors import Outcome, error_document, print_json, with_output_options
+from smsid.cli.output import WIDTH, error_console, wrap_text
 from smsid.errors import SmsidError
 
 
@@ -34,10 +34,10 @@ class Entry:
         if isinstance(found, typer.Typer):
             for info in found.registered_commands:
                 if info.callback is not None and not hasattr(info.callback, "__wrapped__"):
-                    info.callback = mannered(info.callback)
+                    info.callback = with_output_options(info.callback)
             return typer.main.get_command(found)
         alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-        alone.command(name=name)(mannered(found))
+        alone.command(name=name)(with_output_options(found))
         return typer.main.get_command(alone)
 
 
@@ -120,11 +120,11 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
-class _Wrapped(logging.Formatter):
+class _WrappedText(logging.Formatter):
     """Lines of at most `WIDTH` characters, broken between words."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        return wrapped(super().formatMessage(record), WIDTH)
+        return wrap_text(super().formatMessage(record), WIDTH)
 
 
 @app.callback()
@@ -135,7 +135,7 @@ def _common(
     ] = False,
 ) -> None:
     own = logging.StreamHandler()
-    own.setFormatter(_Wrapped("%(levelname)s %(name)s: %(message)s"))
+    own.setFormatter(_WrappedText("%(levelname)s %(name)s: %(message)s"))
     told: dict[str, object] = {}  # once each: a command may load the same file several times
     own.addFilter(lambda record: told.setdefault(record.getMessage(), record) is record)
     logging.basicConfig(handlers=[own])  # unless there are some

@@ -19,7 +19,7 @@ from smsid.arm.servo import identify_servos, is_of_servos
 from smsid.arm.setup import held_joints
 from smsid.arm.torque_calibration import torque_scales, with_signal_gears, with_torque_gains
 from smsid.cli.inputs import write_page
-from smsid.cli.output import print_parts, say, told, working
+from smsid.cli.output import note_lines, print_parts, say, show_spinner
 from smsid.cli.tables import estimate_parts, plain_table
 from smsid.description import Description
 from smsid.effects import BaseTilt
@@ -103,7 +103,7 @@ def identify_and_judge(
         description, recordings = with_signal_gears(description, recordings, joints)
         train = [r for r in recordings if r.role != "validation"]
         description, untold, gain_sigma = _with_gains(description, train[0], cutoff, held, unknown)
-    with working("identifying the arm"):
+    with show_spinner("identifying the arm"):
         if servos:
             description = with_joint_effects(description, joints, "servo")
             found = identify_servos(description, train, cutoff=cutoff, hold=held)
@@ -120,7 +120,7 @@ def identify_and_judge(
     if not servos and np.any(Regressor(found.model).parameters):
         for doubt in joint_doubts(description, train[0], cutoff=cutoff, hold=held):
             say(f"doubt: {doubt.sentence}", style="yellow")
-    for line in told(found.estimate.notes, everything=everything):
+    for line in note_lines(found.estimate.notes, everything=everything):
         say(line)
     say(f"identified in {found.estimate.timing['total']:.1f} s")
     return [
@@ -145,23 +145,23 @@ def _with_gains(
     scales = torque_scales(description, recording, cutoff=cutoff, hold=held)
     scales = tuple(s for s in scales if s.joint in unknown)
     for s in scales:
-        if s.sure:
+        if s.is_significant:
             spread = NORMAL95 * s.sigma / s.value**2
             sentence = f"{s.gain:.4g} +- {spread:.2g} N m per unit of signal, times the described gain"
             sentence += "; negative: the motor is counted the other way" if s.value < 0.0 else ""
         else:
             sentence = "gain not told: neither gravity nor inertia shows in its torque, which is not used"
         say(f"{s.joint}: {sentence}")
-    untold = tuple(s.joint for s in scales if not s.sure)
+    untold = tuple(s.joint for s in scales if not s.is_significant)
     if len(untold) == len(rigid_arm(description, held).arm_joints):
         raise NotIdentifiableError(
             "No joint's gain can be told.", advice="Move the joints so that gravity or inertia shows."
         )
-    sure = [s for s in scales if s.sure]
+    sure = [s for s in scales if s.is_significant]
     return with_torque_gains(description, sure), untold, {s.joint: s.sigma / abs(s.value) for s in sure}
 
 
-def _shared(names: Sequence[str]) -> str:
+def _common_prefix(names: Sequence[str]) -> str:
     """Return how all names begin, up to an underscore: ``panda_`` of ``panda_joint1`` and so on."""
     alike = itertools.takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
     return "".join("".join(x[0] for x in alike).rpartition("_")[:2]) if len(names) > 1 else ""
@@ -169,7 +169,7 @@ def _shared(names: Sequence[str]) -> str:
 
 def _print_judgement(found: JudgedArm, judged: Sequence[tuple[str, str, Any]]) -> None:
     names = list(judged[0][2].by_joint)
-    before, after = _shared(names), _shared([n[::-1] for n in names])[::-1]
+    before, after = _common_prefix(names), _common_prefix([n[::-1] for n in names])[::-1]
     table = plain_table(
         *("recording", "role", "all joints", *(n.removeprefix(before).removesuffix(after) for n in names)),
         title="torques: |predicted - measured| / |measured|"

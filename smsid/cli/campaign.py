@@ -11,7 +11,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import write_page
 from smsid.cli.options import ReportPath, ShowAll
-from smsid.cli.output import counting, print_parts, warn
+from smsid.cli.output import print_parts, show_progress, warn
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from smsid.report import Provenance, Report
 
 
-def _summary_beside(output: Path) -> tuple[Path, ...]:
+def _summary_path(output: Path) -> tuple[Path, ...]:
     from smsid.campaign.run import summary_path
 
     return (summary_path(output),)
@@ -35,7 +35,7 @@ def campaign_command(
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="results, one line per run; an existing file is continued"),
-        Writes((".jsonl",), beside=_summary_beside, beside_kind="campaign_summary"),
+        Writes((".jsonl",), beside=_summary_path, beside_kind="campaign_summary"),
     ] = Path("campaign.jsonl"),
     runs: Annotated[int | None, typer.Option(help="number of runs, instead of the plan's")] = None,
     workers: Annotated[int | None, typer.Option(help="worker processes; default: one per core")] = None,
@@ -53,7 +53,7 @@ def campaign_command(
 
     how: dict[str, Any] = {"backend": backend, "workers": workers, "dask_address": dask, "runs": runs}
     try:
-        with counting(f"campaign {plan.stem}") as tell:
+        with show_progress(f"campaign {plan.stem}") as tell:
 
             def show(state: Progress) -> None:
                 tell(state.done, state.total, f", {state.failed} failed" if state.failed else "")
@@ -96,7 +96,7 @@ def summary_tables(summary: Summary) -> Iterator[Table]:
         columns = ("truth", "error", "spread", "predicted", "ratio", "covered", "runs")
         title = f"{summary.runs} runs, {summary.failed} failed"
         table = plain_table("parameter", *columns, title=title, left=("parameter",), fold=True)
-        table.caption, table.caption_justify = _expected(summary, len(figures)), "left"
+        table.caption, table.caption_justify = _calibration_note(summary, len(figures)), "left"
         for p in known:
             varies = p.truth_spread is not None and p.truth_spread > 1e-9 * abs(p.truth or 0.0)
             truth = ("~" if varies else "") + _figure(p.truth, ".5g")
@@ -129,7 +129,7 @@ def _runs(p: ParameterSummary) -> str:
     return f"{p.runs}-{lost}" if lost else f"{p.runs}"
 
 
-def _expected(summary: Summary, figures: int) -> str:
+def _calibration_note(summary: Summary, figures: int) -> str:
     """Say where ratio and coverage lie when sigmas and intervals are right; with fewer runs, wider."""
     most = max((p.runs for p in summary.parameters), default=0)
     parts = []

@@ -12,7 +12,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import write_page
 from smsid.cli.options import Output, ReportPath, ShowAll
-from smsid.cli.output import print_parts, working
+from smsid.cli.output import print_parts, show_spinner
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def compare_command(
 
     described = None if description is None else load_description(description)
     before, after = load_estimate(estimate), load_estimate(second)
-    with working("comparing"):
+    with show_spinner("comparing"):
         found = compare(before, after, described, names=(str(estimate), str(second)))
     save_comparison(found, output)
     made = write_page(report, lambda o: compare_report(found, o), [description, estimate, second], described)
@@ -53,7 +53,7 @@ def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator
     """Yield what to print of a comparison: the verdict, findings, parameters that changed most, notes."""
     from rich.text import Text
 
-    from smsid.cli.output import told
+    from smsid.cli.output import note_lines
     from smsid.cli.tables import cut_tables, plain_table
     from smsid.identify.estimate_text import short_name
 
@@ -78,7 +78,7 @@ def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator
     if lines and not everything:
         yield Text(f"{len(lines)} parameters are not comparable: --all", style="yellow")
         lines = []
-    yield from (Text(line) for line in told((*lines, *found.notes), everything=everything))
+    yield from (Text(line) for line in note_lines((*lines, *found.notes), everything=everything))
 
 
 def _quantities(finding: Finding, everything: bool) -> Any:

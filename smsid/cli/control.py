@@ -12,7 +12,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
-from smsid.cli.output import print_parts, working
+from smsid.cli.output import print_parts, show_spinner
 from smsid.cli.places import Writes
 from smsid.errors import ControlError
 
@@ -78,7 +78,7 @@ def control_command(
         from smsid.paper.table4_study import fly_study
 
         how: dict[str, Any] = {"rate": Variant().rate if rate is None else rate, "crossover": crossover}
-        with working("flying") as tell:
+        with show_spinner("flying") as tell:
             flown = fly_study(described, found, draws, **how, integrated_gyro=integrated_gyro, tell=tell)
         atomic_write(output, json.dumps(flown, indent=1, allow_nan=False) + "\n")
         print_parts(study_parts(flown))
@@ -102,7 +102,7 @@ def control_command(
 
     own = RATE if rate is None else rate
     request = DesignRequest(None if tune else _pair(gains), uncertainty, crossover, own, samples)
-    with working("designing and examining the loop"):
+    with show_spinner("designing and examining the loop"):
         made = design(described, found, request, np.random.default_rng(seed))
     save_controller(made, output)
     page = write_page(report, lambda o: control_report(made, o), files, described, seed=seed)
@@ -138,7 +138,7 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     """Yield what to print of a controller as it stands in its file: promise, gains, blocks, poles."""
     from rich.text import Text
 
-    from smsid.cli.output import clipped
+    from smsid.cli.output import clip_line
     from smsid.cli.tables import ROWS, cut_tables, plain_table
 
     r = d.get("robustness")
@@ -155,13 +155,13 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
         yield f"{sampled}, least damping {r['sampled_damping']:.2g}"
         listed = ", ".join(f"{name} {value:+.2f}" for name, value in worst)
         text = f"worst parameters found leave a damping ratio of {r['damping']:.2g}: {listed}"
-        yield Text(text if everything else clipped(text))
+        yield Text(text if everything else clip_line(text))
     model = d.get("model", {})
     if model.get("identified"):
         left = model["as_described"]
         more = f"; as described: {', '.join(left)}" if left else ""
         text = f"controller's model: {len(model['identified'])} parameters of the estimate{more}"
-        yield Text(text if everything else clipped(text))
+        yield Text(text if everything else clip_line(text))
     proportional, derivative = d["K_P"]["value"], d["K_D"]["value"]
     yield f"gains: K_P {_range(proportional)} 1/s^2, K_D {_range(derivative)} 1/s"
     modes = d.get("natural_frequencies", ())
@@ -177,7 +177,7 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
         yield table
     yield _blocks(d["blocks"])
     for text in d["weights"]["origin"]:
-        yield Text(text if everything else clipped(text))
+        yield Text(text if everything else clip_line(text))
     title = "poles of the loop, slosh and panel inside"
     table = plain_table("mode", "rad/s", "damping ratio", "", title=title, left=("mode", ""))
     for p in sorted(d["poles"], key=lambda p: not p["flag"]):  # what is wrong first

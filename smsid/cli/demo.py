@@ -16,7 +16,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.options import Seed
-from smsid.cli.output import console, say, working
+from smsid.cli.output import console, say, show_spinner
 from smsid.cli.places import Writes
 from smsid.errors import MissingDependencyError
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from smsid.identify.estimate import Estimate
     from smsid.likelihood import Refinement
     from smsid.recording import Recording
-    from smsid.report.demo import Craft
+    from smsid.report.demo import DemoCraft
     from smsid.report.model import Frame
 
 
@@ -47,7 +47,7 @@ def demo_command(
     from smsid.datasets import demonstration
     from smsid.diagnose import diagnose, save_diagnosis
     from smsid.identify.estimate import save_estimate
-    from smsid.report.demo import Craft
+    from smsid.report.demo import DemoCraft
     from smsid.report.diagnosis_tables import plain_words
 
     out = console()
@@ -59,7 +59,7 @@ def demo_command(
     with ProcessPoolExecutor(1, get_context("spawn"), initializer=_silent) as pool:
         paper, replay = pool.submit(run_paper, output, seed), pool.submit(_draw, which, output)
         say(f"1. Measured: a flight of {which.engine}, with something that the description lacks.")
-        with working("identifying by maximum likelihood"):
+        with show_spinner("identifying by maximum likelihood"):
             description, estimation, validation, refinement, spent = identify_craft(which)
         estimate = refinement.estimate
         save_estimate(estimate, output / "estimate.json")
@@ -67,20 +67,20 @@ def demo_command(
         say(
             f"2. Identified from a guess that is off: {good} parameters to 10 % and better, in {spent:.0f} s."
         )
-        with working("diagnosing"):
+        with show_spinner("diagnosing"):
             found = diagnose(description, [estimation], estimate=estimate, validation=[validation])
         save_diagnosis(found.diagnosis, output / "diagnosis.json")
-        extended = write_extended(description, estimate, found, output)
+        extended = write_extended_description(description, estimate, found, output)
         words = plain_words(found.diagnosis) or found.diagnosis.sentence
         say(f"3. {words}")
         hidden = f"{which.hidden['value']:g} {which.hidden['unit']}"
         say(f"   Hidden was: {which.hidden['parameter']} = {hidden} at {which.hidden['location']}.")
         world = which.engine, which.hidden, which.parameters
-        craft = Craft(description, estimation, validation, estimate, found, extended, *world)
-        with working("flying and identifying the paper's experiments"):
+        craft = DemoCraft(description, estimation, validation, estimate, found, extended, *world)
+        with show_spinner("flying and identifying the paper's experiments"):
             done = paper.result()
             picture, drawn = replay.result()
-    with working("writing the page"):
+    with show_spinner("writing the page"):
         page, told = _page(which, craft, done, output, seed, picture)
     for step in told[-1:]:
         say(f"4. {step}")
@@ -141,9 +141,9 @@ def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]
 
 
 def _page(
-    which: Demonstration, craft: Craft, paper: PaperRun, output: Path, seed: int, picture: Frame | None
+    which: Demonstration, craft: DemoCraft, paper: PaperRun, output: Path, seed: int, picture: Frame | None
 ) -> tuple[Path, Sequence[str]]:
-    from smsid.paper.tables import Found, paper_section
+    from smsid.paper.tables import IdentifiedExperiments, paper_section
     from smsid.report import files_of, provenance, write_report
     from smsid.report.demo import demo_report
     from smsid.report.diagnose import ReportInputs, diagnose_report
@@ -164,7 +164,7 @@ def _page(
     if picture is not None:
         replay = Link("flight.html", "The replay on a page of its own", "measured, described as a ghost")
         links.insert(0, replay)
-    tables = paper_section(Found(paper.estimate, paper.truth, paper.notes))
+    tables = paper_section(IdentifiedExperiments(paper.estimate, paper.truth, paper.notes))
     report = demo_report(craft, tables, links, provenance(inputs, seed=seed), picture, shares)
     told = next(part.lines for part in report.sections[0].parts if isinstance(part, Text))
     return write_report(report, output / "report.html"), told
@@ -283,7 +283,7 @@ def wrong_guess(description: Description, folder: Path) -> Description:
     return load_description(folder / "paper_guess.toml")
 
 
-def write_extended(
+def write_extended_description(
     description: Description, estimate: Estimate, found: Diagnosed, folder: Path
 ) -> Description:
     """Write ``extended.toml`` with ``extended.urdf``: identified bodies that can exist, and the causes.

@@ -12,7 +12,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath, ShowAll
-from smsid.cli.output import print_parts, say, working
+from smsid.cli.output import print_parts, say, show_spinner
 from smsid.errors import SmsidError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def new_command(
     """Write a commented description of a new craft into this folder, with a bus, sensors and limits."""
     from smsid._files import atomic_write
     from smsid.description import load_description
-    from smsid.description.draft import Draft, draft_arm
+    from smsid.description.draft import CraftDraft, draft_arm
     from smsid.model import build_model
 
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name):
@@ -55,7 +55,7 @@ def new_command(
     for file in files:
         if os.path.lexists(file):
             raise SmsidError(f"'{file}' exists.", advice="Choose another name, or remove it.")
-    draft = Draft(name, tuple(map(draft_arm, arm or ())), wheels, tank, lengths, mass, size)
+    draft = CraftDraft(name, tuple(map(draft_arm, arm or ())), wheels, tank, lengths, mass, size)
     atomic_write(files[1], draft.urdf())
     atomic_write(files[0], draft.toml())
     model = build_model(load_description(files[0]))
@@ -109,7 +109,7 @@ def regressor_command(
     if fixed:
         described = described.model_copy(update={"root": "fixed"})
     model = build_model(described)
-    with working("comparing"):
+    with show_spinner("comparing"):
         found = check_regressor(model, np.random.default_rng(seed), states=states)
     print_parts(check_parts(found, everything=show_all))
     document = {
@@ -130,7 +130,7 @@ def check_parts(found: RegressorCheck, *, everything: bool = False) -> Iterator[
     """Yield what to print: worst errors, condition, time, and the base parameters by name."""
     from rich.text import Text
 
-    from smsid.cli.output import clipped
+    from smsid.cli.output import clip_line
     from smsid.cli.tables import ROWS, cut_tables, plain_table
     from smsid.identify.estimate_text import short_name
 
@@ -149,4 +149,4 @@ def check_parts(found: RegressorCheck, *, everything: bool = False) -> Iterator[
     yield from cut_tables([base], everything, ROWS)
     if found.base.unseen:
         text = f"not seen: {', '.join(found.base.unseen)}"
-        yield Text(text if everything else clipped(text))
+        yield Text(text if everything else clip_line(text))

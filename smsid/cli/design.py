@@ -13,7 +13,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
-from smsid.cli.output import print_parts, say, working
+from smsid.cli.output import print_parts, say, show_spinner
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def design_command(
 
     The limits of the description count in any case. Interrupted (Ctrl-C), the best so far is written.
     """
-    from smsid.cli.output import told
+    from smsid.cli.output import note_lines
     from smsid.description import load_description
     from smsid.design import Limits, design_experiment
     from smsid.design.model_discrimination import design_separation
@@ -98,7 +98,7 @@ def design_command(
     )  # fmt: skip
     described, precision = load_description(description), None if to is None else share(to)
     search: dict[str, Any] = {"limits": limits, "duration": duration, "seed": seed, "effort": effort}
-    with working("designing") as tell:
+    with show_spinner("designing") as tell:
         search |= {"name": output.stem}
         search |= {"progress": lambda stage, tried, best: tell(f"{stage}: {tried} tried, best {best:.3g}")}
         if separate is not None:
@@ -118,7 +118,7 @@ def design_command(
 
     written = [output, *write_page(report, page, [description], described, seed=seed)]
     print_parts(_tables(found, show_all))
-    for line in told(found.notes, everything=show_all):
+    for line in note_lines(found.notes, everything=show_all):
         say(line)
     say(f"{found.evaluations} experiments tried")
     return Outcome({"design": found.document()}, written, INTERRUPTED if found.interrupted else 0)

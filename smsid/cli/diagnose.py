@@ -11,7 +11,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, Unchecked
-from smsid.cli.output import print_parts, working
+from smsid.cli.output import print_parts, show_spinner
 from smsid.cli.places import Writes, is_ours
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from smsid.report import Provenance, Report
 
 
-def _extended_beside(output: Path) -> tuple[Path, ...]:
+def _extended_path(output: Path) -> tuple[Path, ...]:
     """Return where the extended description stands when --extended does not say.
 
     One that smsid wrote is another diagnosis's where this one was never written, and stays.
@@ -34,7 +34,7 @@ def _extended_beside(output: Path) -> tuple[Path, ...]:
 
 
 DiagnosisOutput = Annotated[
-    Output, Writes((".json",), kind="diagnosis", beside=_extended_beside, beside_kind="description")
+    Output, Writes((".json",), kind="diagnosis", beside=_extended_path, beside_kind="description")
 ]
 EXIT_CODES = {"adequate": 0, "explained": 0, "unexplained": 3, "not_evaluated": 4}
 
@@ -78,8 +78,8 @@ def diagnose_command(
     if description.suffix == ".urdf" and is_of_an_arm(loaded):
         described = arm_description(description)
     known = read_estimate(estimate)
-    place = extended if extended is not None else _extended_beside(output)[0]
-    with working("diagnosing"):
+    place = extended if extended is not None else _extended_path(output)[0]
+    with show_spinner("diagnosing"):
         found = diagnose(described, loaded, estimate=known, validation=judged, cutoff=cutoff)
     save_diagnosis(found.diagnosis, output)
     written = [output]
@@ -102,7 +102,7 @@ def diagnosis_parts(diagnosis: Diagnosis, *, everything: bool = False) -> Iterat
     """Yield what to print of a diagnosis: the verdict, causes, gain and what remains."""
     from rich.text import Text
 
-    from smsid.cli.output import told
+    from smsid.cli.output import note_lines
     from smsid.cli.tables import cut_tables, plain_table
 
     d = json.loads(diagnosis.to_json())
@@ -114,13 +114,14 @@ def diagnosis_parts(diagnosis: Diagnosis, *, everything: bool = False) -> Iterat
         columns = ("channel", "unit", "as given, rms", "refitted, rms", "extended, rms", "noise")
         table = plain_table(*columns, title=f"open loop on {gain['recording']}", left=("channel", "unit"))
         for c in gain["channels"]:
-            sizes = (_short(c.get(k)) for k in ("given", "refitted", "extended", "noise"))
+            sizes = (_number_text(c.get(k)) for k in ("given", "refitted", "extended", "noise"))
             table.add_row(c["channel"], c["unit"], *sizes)
         yield table
         left_out, gone = gain.get("left_out"), gain["explained"]
         yield (
-            f"whitened rms (noise: 1): {_short(gain['whitened_given'])} as given, "
-            f"{_short(gain['whitened_nominal'])} refitted, {_short(gain['whitened_extended'])} extended; "
+            f"whitened rms (noise: 1): {_number_text(gain['whitened_given'])} as given, "
+            f"{_number_text(gain['whitened_nominal'])} refitted, "
+            f"{_number_text(gain['whitened_extended'])} extended; "
             + ("nothing exceeds the noise" if gone is None else f"{100 * gone:.1f} % of the excess gone")
             + (f"; {left_out} readings of faulty sensors left out" if left_out else "")
         )
@@ -131,19 +132,26 @@ def diagnosis_parts(diagnosis: Diagnosis, *, everything: bool = False) -> Iterat
         table = plain_table(*columns, title="what is left", left=columns[:2])
         for r in d["remaining"]:
             p = "-" if r["p_value"] is None else f"{r['p_value']:.1e}"
-            table.add_row(r["where"], r["dependence"], _short(r["ratio"]), str(r["freedom"]), p)
+            table.add_row(r["where"], r["dependence"], _number_text(r["ratio"]), str(r["freedom"]), p)
         yield from cut_tables([table], everything, 8)
     if everything and d["limits"]:
         columns = ("effect", "where", "shape", "parameter", "least seen", "unit")
         title = "what would have been seen with 95 % chance"
         table = plain_table(*columns, title=title, left=(*columns[:4], "unit"))
         for x in d["limits"]:
-            own = (x["effect"], x["location"], x["shape"], x["parameter"], _short(x["value"]), x["unit"])
+            own = (
+                x["effect"],
+                x["location"],
+                x["shape"],
+                x["parameter"],
+                _number_text(x["value"]),
+                x["unit"],
+            )
             table.add_row(*own)
         yield table
     if d["priors"]:
         yield d["priors"]
-    yield from (Text(line) for line in told(d["notes"], everything=everything))
+    yield from (Text(line) for line in note_lines(d["notes"], everything=everything))
 
 
 def _causes(causes: Sequence[Mapping[str, Any]], everything: bool) -> Iterator[RenderableType]:
@@ -156,7 +164,7 @@ def _causes(causes: Sequence[Mapping[str, Any]], everything: bool) -> Iterator[R
         for k, p in enumerate(c["parameters"]):
             low, high = p["interval"]
             cause = (f"{c['effect']} ({label})", c["location"]) if k == 0 else ("", "")
-            numbers = _short(p["value"], 5), f"{_short(low, 5)} ... {_short(high, 5)}"
+            numbers = _number_text(p["value"], 5), f"{_number_text(low, 5)} ... {_number_text(high, 5)}"
             table.add_row(*cause, p["name"].partition(".")[2], *numbers, p["unit"])
     yield table
     for c in causes:
@@ -167,6 +175,6 @@ def _causes(causes: Sequence[Mapping[str, Any]], everything: bool) -> Iterator[R
             yield f"{c['effect']} at {c['location']} is not told from {'; '.join(shown)}{more}"
 
 
-def _short(x: float | None, digits: int = 3) -> str:
+def _number_text(x: float | None, digits: int = 3) -> str:
     """Return a number; a dash for what is not known."""
     return "-" if x is None else f"{x:.{digits}g}"

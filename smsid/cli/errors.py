@@ -16,7 +16,7 @@ from typing import Annotated, Any, TextIO, get_type_hints
 import typer
 
 from smsid._files import json_ready, protect_inputs
-from smsid.cli.output import Manners, behaving, say
+from smsid.cli.output import Manners, output_options, say
 from smsid.cli.places import check_kinds, check_numbers, check_places
 from smsid.errors import SmsidError
 
@@ -41,7 +41,7 @@ class Outcome:
         return {"exit_code": self.exit_code, "written": [str(p) for p in self.written], **self.document}
 
 
-def mannered(function: Callable[..., Any]) -> Callable[..., None]:
+def with_output_options(function: Callable[..., Any]) -> Callable[..., None]:
     """Return a command with the options ``--json`` and ``--quiet``.
 
     ``function`` prints for people on stdout and returns an `Outcome`; what it prints is left out where it was
@@ -80,7 +80,7 @@ def _run(command: Callable[[], Any], manners: Manners) -> None:
     stdout, hidden = sys.stdout, io.StringIO()
     hush = redirect_stdout(hidden) if manners.json or manners.quiet else nullcontext()
     try:
-        with behaving(manners), hush:
+        with output_options(manners), hush:
             result = command()
             if isinstance(result, Outcome) and result.written and not result.untold:
                 say(f"wrote {', '.join(map(str, result.written))}")
@@ -107,9 +107,9 @@ def error_document(error: Exception, exit_code: int) -> dict[str, Any]:
 
 def print_json(document: Mapping[str, Any], stream: TextIO | None = None) -> None:
     """Print a document as JSON; numbers that are not finite become null."""
-    print(json.dumps(json_ready(dict(document)), indent=1, allow_nan=False, default=_plain), file=stream)
+    print(json.dumps(json_ready(dict(document)), indent=1, allow_nan=False, default=_json_value), file=stream)
 
 
-def _plain(x: Any) -> Any:
+def _json_value(x: Any) -> Any:
     """Return what stands for a value JSON does not know: numpy's numbers and arrays, paths."""
     return json_ready(x.tolist()) if hasattr(x, "tolist") else str(x)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from smsid.cli.errors import Outcome
-from smsid.cli.output import say, working
+from smsid.cli.output import say, show_spinner
 from smsid.cli.places import Writes
 from smsid.errors import OutputError
 
@@ -63,7 +63,7 @@ def export_command(
     if fmu is not None:
         from smsid.export.fmu import write_fmu
 
-        with working("building the FMU"):
+        with show_spinner("building the FMU"):
             written.append(write_fmu(described, fmu, known))
     if output is not None:
         written += _write_folder(described, known, output, mujoco, document)
@@ -87,7 +87,7 @@ def _write_linear(
 
     from smsid.export.linear_plant import linear_plant, save_linear_plant
 
-    with working("linearising"):
+    with show_spinner("linearising"):
         plant = linear_plant(described, known, rng=np.random.default_rng(seed))
         save_linear_plant(plant, path)
     document["notes"] += plant.notes
@@ -104,7 +104,7 @@ def _write_folder(
 ) -> list[Path]:
     from smsid.export.folder import export_folder
 
-    with working("exporting"):
+    with show_spinner("exporting"):
         found = export_folder(described, output, known, mujoco=mujoco)
     document["notes"] += found.notes
     if found.bodies is not None and found.bodies.combinations:

@@ -12,7 +12,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import print_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, EstimateOutput, ReportPath, ShowAll, Unchecked
-from smsid.cli.output import say, working
+from smsid.cli.output import say, show_spinner
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -172,7 +172,7 @@ def identify_command(
         "--cutoff": cutoff is not None, "--gains": gains, "--gain": gain, "--hold": hold, "--rigid": rigid,
         "--friction": friction, "--level": level, "--passive": passive,
     }  # fmt: skip
-    _check_fitting([option for option, value in given.items() if value], described.root, method)
+    _check_options([option for option, value in given.items() if value], described.root, method)
     if tracked_point is not None:
         described = with_tracked_point(described, _point(tracked_point))
     method = "filter" if states is not None else method  # what was hidden is estimated by it
@@ -188,7 +188,7 @@ def identify_command(
         )  # fmt: skip
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return Outcome(document, [output, *([report] if report else [])])
-    with working("identifying") as tell:
+    with show_spinner("identifying") as tell:
         if modal is not None or find_tracked_point:
             found = _by_the_paper(described, loaded, modal == "printed", find_tracked_point)
         else:
@@ -239,7 +239,7 @@ TAKEN_BY = {"--cad": ML, "--states": ML, "--modal": PAPER, "--find-tracked-point
 TAKEN_BY |= {"--tracked-point": SPACECRAFT}  # all others are for arms
 
 
-def _check_fitting(options: list[str], root: str, method: str) -> None:
+def _check_options(options: list[str], root: str, method: str) -> None:
     """Raise `SmsidError` for an option that the machine or the method does not take."""
     kind = "arm" if root == "fixed" else method
     for option in options:
@@ -308,6 +308,6 @@ def write_states(found: FlightEstimate, path: Path) -> None:
     from smsid.estimation.hidden_states import hidden_states
     from smsid.recording import save_recording
 
-    with working("smoothing hidden states"):
+    with show_spinner("smoothing hidden states"):
         states = hidden_states(found)
     save_recording(states, path)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from smsid.cli.output import print_parts, say, working
+from smsid.cli.output import print_parts, say, show_spinner
 
 if TYPE_CHECKING:
     from smsid.description import Description
@@ -47,11 +47,11 @@ def write_diagnosis(diagnosis: Diagnosis, path: Path) -> Path:
 
 def print_estimate(estimate: Estimate, more: Sequence[str] = (), *, everything: bool = False) -> None:
     """Print the parameters and notes of an estimate, and ``more`` notes."""
-    from smsid.cli.output import told
+    from smsid.cli.output import note_lines
     from smsid.cli.tables import estimate_parts
 
     print_parts(estimate_parts(estimate, everything=everything))
-    for line in told((*estimate.notes, *more), everything=everything):
+    for line in note_lines((*estimate.notes, *more), everything=everything):
         say(line)
 
 
@@ -74,5 +74,5 @@ def write_page(
 
     files = [f for f in inputs if f is not None]
     named = files_of(described, files[0]) if described is not None and files else []
-    with working("writing the report"):
+    with show_spinner("writing the report"):
         return [write_report(make(provenance([*named, *files], seed=seed)), path)]

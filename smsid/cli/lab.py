@@ -11,7 +11,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import print_estimate, write_diagnosis, write_page
 from smsid.cli.options import EstimateOutput, LabDiagnosis, LabRecording, ReportPath
-from smsid.cli.output import say, working
+from smsid.cli.output import say, show_spinner
 from smsid.cli.places import Writes
 from smsid.errors import NotIdentifiableError, RecordingError
 
@@ -35,7 +35,7 @@ def fetch(
     from smsid.description import Description, save_description
     from smsid.recording import save_recording
 
-    with working(f"fetching {name}"):
+    with show_spinner(f"fetching {name}"):
         parts = _parts(name)
     output.mkdir(parents=True, exist_ok=True)
     for file, part in parts.items():
@@ -118,8 +118,8 @@ def tank(
         motion = _component(log, position)
     else:
         assert arm is not None and frame is not None
-        motion = _carried(log, arm, frame)
-    with working("comparing models of the tank"):
+        motion = _frame_motion(log, arm, frame)
+    with show_spinner("comparing models of the tank"):
         test = tank_test(_component(log, force), motion, cutoff=cutoff)
         found = compare_tank_models(test, [m for m in MODELS if m in asked])
     best = found.fits[found.named]
@@ -160,7 +160,7 @@ def _component(log: Recording, name: str) -> tuple[np.ndarray, np.ndarray]:
     return log.time(channel), log[channel][:, "xyz".index(axis)]
 
 
-def _carried(log: Recording, arm: Path, frame: str) -> tuple[np.ndarray, np.ndarray]:
+def _frame_motion(log: Recording, arm: Path, frame: str) -> tuple[np.ndarray, np.ndarray]:
     """Times and position along one axis of the ground of a frame that an arm carries."""
     import numpy as np
     import pinocchio as pin
@@ -211,7 +211,7 @@ def modal(
     from smsid.recording.pieces import even_with_gaps
 
     log = load_recording(recording)
-    names = tuple(channel or _alike(log))
+    names = tuple(channel or _require_one_quantity(log))
     log.require(*names)
     outputs, rate = even_with_gaps(log, names)
     one = outputs.shape[1] == 1
@@ -221,7 +221,7 @@ def modal(
             advice="A free decay is of one; cut the others off.",
         )
     found, why = None, "no mode is stable over model orders and correlation windows."
-    with working("looking for modes"):
+    with show_spinner("looking for modes"):
         try:
             if not free:
                 rng = np.random.default_rng(seed)
@@ -287,7 +287,7 @@ def _free_decay(
     return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": []}, [output])
 
 
-def _alike(log: Recording) -> tuple[str, ...]:
+def _require_one_quantity(log: Recording) -> tuple[str, ...]:
     """Return all channels, if they are one quantity on one clock; else raise `RecordingError`."""
     names = log.channels
     units = {log.unit(name) for name in names}
@@ -360,7 +360,7 @@ def oscillator(
         pieces = int(np.clip(times.size / (5.0 * memory), 1, 10))
     start = Oscillator(frequency, damping, 1.0)
     written = [output]
-    with working("fitting the oscillator"):
+    with show_spinner("fitting the oscillator"):
         if diagnose is not None and u is not None:
             from smsid.lab.oscillator_diagnosis import diagnose_oscillator
 

@@ -11,7 +11,7 @@ import typer
 from smsid._time_text import stamp_text
 from smsid.cli.errors import Outcome
 from smsid.cli.options import Output, RecordingOutput, ShowAll
-from smsid.cli.output import console, say, working
+from smsid.cli.output import console, say, show_spinner
 from smsid.cli.places import Writes
 from smsid.errors import OutputError, RecordingError, SmsidError
 
@@ -48,13 +48,13 @@ def inspect_command(
     from rich.markup import escape
 
     from smsid._files import atomic_write, signed
-    from smsid.cli.output import MOST, clipped
+    from smsid.cli.output import MOST, clip_line
     from smsid.cli.tables import cut_tables, plain_table
     from smsid.recording.inspect import inspect_file
 
     if description is not None and mapping is None:
         raise SmsidError("--description needs --with.", advice="Say what the columns are in a mapping.")
-    with working(f"reading {file.name}"):
+    with show_spinner(f"reading {file.name}"):
         report = inspect_file(file, mapping, also=also or ())
     doubts = list(report.suspicions)
     if description is not None and mapping is not None:
@@ -80,7 +80,7 @@ def inspect_command(
     shown = doubts if show_all else doubts[:MOST]
     for sentence in shown:
         text = f"suspicious: {sentence}"
-        out.print(text if show_all else clipped(text), style="yellow", markup=False, highlight=False)
+        out.print(text if show_all else clip_line(text), style="yellow", markup=False, highlight=False)
     if len(doubts) > len(shown):
         say(f"{len(doubts) - len(shown)} more suspicions with --all")
     if not doubts:
@@ -128,7 +128,7 @@ def import_command(
     from smsid.cli.tables import recording_table
     from smsid.recording import import_recording, save_recording
 
-    with working(f"importing {file.name}"):
+    with show_spinner(f"importing {file.name}"):
         recording = import_recording(file, mapping, check=not unchecked, also=also or ())
         save_recording(recording, output)
     out = console()
@@ -164,7 +164,7 @@ def cut_command(
 
     if start is None and end is None and not pieces and role is None:
         raise RecordingError("Nothing is to be cut.", advice="State --from, --to, --pieces or --role.")
-    log = _usable(load_recording(recording))
+    log = _refuse_unusable(load_recording(recording))
     if role is not None:
         log = log.with_role(role)
     if start is not None or end is not None:
@@ -172,7 +172,7 @@ def cut_command(
     found = complete_pieces(log) if pieces else (log,)
     files = [output.with_stem(f"{output.stem}_{k}") for k in range(1, len(found) + 1)] if pieces else [output]
     out = console()
-    with working("writing"):
+    with show_spinner("writing"):
         for piece, file in zip(found, files, strict=True):
             save_recording(piece, file)
     for piece in found[:3]:
@@ -191,14 +191,14 @@ def resample_command(
     from smsid.cli.tables import recording_table
     from smsid.recording import load_recording, save_recording
 
-    with working("resampling"):
+    with show_spinner("resampling"):
         made = load_recording(recording).resampled(rate)
         save_recording(made, output)
     console().print(recording_table(made))
     return Outcome({"recording": recording_document(made)}, [output])
 
 
-def _usable(recording: Recording) -> Recording:
+def _refuse_unusable(recording: Recording) -> Recording:
     """Refuse what no sensor and no clock reads; samples that are missing stay missing, and are told."""
     from smsid.recording._checks import check_clocks, check_finite
 
@@ -225,7 +225,7 @@ def convert_command(
     from smsid.recording import load_recording
     from smsid.recording.tables import mcap_mapping, save_mcap, save_table, table_mapping
 
-    log = _usable(load_recording(recording))
+    log = _refuse_unusable(load_recording(recording))
     imported = log.provenance.get("imported") or {}
     if output.is_file() and sha256(output) == imported.get("sha256"):
         raise OutputError(
@@ -233,7 +233,7 @@ def convert_command(
             advice="What was measured is not replaced: name another output.",
             path=str(output),
         )
-    with working("writing"):
+    with show_spinner("writing"):
         mapping = output.with_suffix(".toml")
         if output.suffix.lower() == ".mcap":
             save_mcap(log, output)

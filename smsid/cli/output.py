@@ -30,7 +30,7 @@ _now = Manners()
 
 
 @contextmanager
-def behaving(manners: Manners) -> Iterator[None]:
+def output_options(manners: Manners) -> Iterator[None]:
     """Keep to these manners inside the block: quiet is quiet about the library's warnings too."""
     global _now
     before, _now = _now, manners
@@ -68,7 +68,7 @@ def say(text: str, *, style: str = "") -> None:
     from rich.text import Text
 
     out = console()
-    out.print(Text(wrapped(text, out.width), style=style), soft_wrap=True)
+    out.print(Text(wrap_text(text, out.width), style=style), soft_wrap=True)
 
 
 def print_parts(parts: Iterable[RenderableType]) -> None:
@@ -78,7 +78,7 @@ def print_parts(parts: Iterable[RenderableType]) -> None:
         out.print(part, highlight=False)
 
 
-def wrapped(text: str, width: int) -> str:
+def wrap_text(text: str, width: int) -> str:
     """Return a text in lines of at most ``width`` characters, broken between words."""
     lines = [
         part
@@ -107,7 +107,7 @@ def warn(text: str) -> None:
 
 
 @contextmanager
-def working(label: str) -> Iterator[Callable[[str], None]]:
+def show_spinner(label: str) -> Iterator[Callable[[str], None]]:
     """Show on a terminal's stderr that something is under way, for how long, and what the library logs.
 
     Yields a function that changes the label. Nothing is left on the screen.
@@ -122,12 +122,12 @@ def working(label: str) -> Iterator[Callable[[str], None]]:
     )
     with _bar(*columns) as bar:
         task = bar.add_task(label, total=None, news="")
-        with _listening(lambda news: bar.update(task, news=news)):
+        with _forward_log(lambda news: bar.update(task, news=news)):
             yield lambda text: bar.update(task, description=text)
 
 
 @contextmanager
-def counting(label: str, total: float = 0.0, unit: str = "") -> Iterator[Callable[..., None]]:
+def show_progress(label: str, total: float = 0.0, unit: str = "") -> Iterator[Callable[..., None]]:
     """Show a bar on a terminal's stderr; yields a function that takes how much of ``total`` is done.
 
     It also takes another ``total``, and a ``note`` behind the label.
@@ -169,7 +169,7 @@ class _Listener(logging.Handler):
 
 
 @contextmanager
-def _listening(tell: Callable[[str], None]) -> Iterator[None]:
+def _forward_log(tell: Callable[[str], None]) -> Iterator[None]:
     """Pass on what the library logs at INFO, without printing it."""
     logger, listener = logging.getLogger("smsid"), _Listener(tell)
     before = logger.level
@@ -206,7 +206,7 @@ _KINDS = (
 )
 
 
-def told(notes: Iterable[str], *, everything: bool = False) -> list[str]:
+def note_lines(notes: Iterable[str], *, everything: bool = False) -> list[str]:
     """Return lines that tell notes: each once, those of one kind together, at most `MOST` lines.
 
     ``everything``: every note in full, in the order given.
@@ -224,14 +224,14 @@ def told(notes: Iterable[str], *, everything: bool = False) -> list[str]:
             names = list(dict.fromkeys(_kind(n)[1] for n in own))
             several = "; " if any("," in x for x in names) else ", "
             text = sentence.format(count=len(own), items=several.join(names))
-        lines.append(clipped(f"note: {text}"))
+        lines.append(clip_line(f"note: {text}"))
     if len(lines) > MOST:
         left = sum(len(own) for own in list(groups.values())[MOST - 1 :])
         lines = [*lines[: MOST - 1], f"note: {left} more with --all"]
     return lines
 
 
-def clipped(text: str, width: int = WIDTH) -> str:
+def clip_line(text: str, width: int = WIDTH) -> str:
     """Return one line of at most ``width`` characters; what is cut stands with ``--all``."""
     text = " ".join(text.split())
     tail = " ... (--all)"

@@ -160,9 +160,9 @@ def _check_replaced(called: str, path: Path, mark: Writes, is_default: bool, inp
     if not is_default and path.suffix.lower() == ".toml":
         check_toml(path, called)
     if is_default and mark.kind:
-        check_unnamed(path, mark.kind, f"the default of {called}", inputs)
+        check_default_place(path, mark.kind, f"the default of {called}", inputs)
     for more in mark.beside(path) if mark.beside_kind else ():
-        check_unnamed(more, mark.beside_kind, f"written beside '{path}'", inputs)
+        check_default_place(more, mark.beside_kind, f"written beside '{path}'", inputs)
 
 
 def _read_paths(value: Any) -> Iterator[Path]:
@@ -299,7 +299,7 @@ def is_ours(path: Path) -> bool:
         return False
 
 
-def check_unnamed(path: Path, kind: str, told: str, inputs: Sequence[Path]) -> None:
+def check_default_place(path: Path, kind: str, told: str, inputs: Sequence[Path]) -> None:
     """Refuse to replace a file of somebody else's, or measured data, at a place that nobody named.
 
     ``told`` says why it would be written there, ``inputs`` are the files the command reads.

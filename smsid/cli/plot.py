@@ -9,7 +9,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.options import Output
-from smsid.cli.output import working
+from smsid.cli.output import show_spinner
 from smsid.cli.places import FIGURE, Writes
 
 
@@ -37,6 +37,6 @@ def plot_command(
     from smsid.figures import draw
     from smsid.figures.draw import Request
 
-    with working("drawing"):
+    with show_spinner("drawing"):
         draw(what, Request(file, description, tuple(channel or ()), truth, title), output)
     return Outcome({"figure": what}, [output])

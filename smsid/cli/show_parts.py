@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from smsid.cli.file_kind import read_json
-from smsid.cli.output import WIDTH, clipped, told
+from smsid.cli.output import WIDTH, clip_line, note_lines
 from smsid.cli.tables import channel_rows, cut_tables, estimate_parts, plain_table, recording_table
 from smsid.errors import SmsidError
 
@@ -38,10 +38,10 @@ def recording_parts(found: Recording, *, everything: bool) -> Iterator[Any]:
         yield Text(f"check: {error}", style="yellow")
     for key, names in found.labels.items():
         line = f"{key}: {', '.join(names)}"
-        yield line if everything else clipped(line)
+        yield line if everything else clip_line(line)
     provenance = list(found.provenance.items())
     for key, value in provenance if everything else provenance[:8]:
-        yield Text(f"{key}: {value}" if everything else clipped(f"{key}: {value}"))
+        yield Text(f"{key}: {value}" if everything else clip_line(f"{key}: {value}"))
     if len(provenance) > 8 and not everything:
         yield f"{len(provenance) - 8} more of its provenance with --all"
 
@@ -66,7 +66,7 @@ def recording_document(recording: Recording) -> dict[str, Any]:
 def estimate_and_notes(found: Estimate, *, everything: bool) -> Iterator[Any]:
     """Yield the parameters of an estimate, what cannot be told, and its notes."""
     yield from estimate_parts(found, everything=everything)
-    yield from (Text(line) for line in told(found.notes, everything=everything))
+    yield from (Text(line) for line in note_lines(found.notes, everything=everything))
 
 
 def track_parts(found: TrackHistory, *, everything: bool) -> Iterator[Any]:
@@ -75,7 +75,7 @@ def track_parts(found: TrackHistory, *, everything: bool) -> Iterator[Any]:
     from smsid.cli.track import history_parts
 
     flights = f"{', '.join(found.recordings)}: {found.time[-1] - found.time[0]:g} s"
-    yield Text(clipped(f"track of '{found.description}' through {flights}"))
+    yield Text(clip_line(f"track of '{found.description}' through {flights}"))
     yield from history_parts(found, everything=everything)
 
 
@@ -89,7 +89,7 @@ def plant_parts(found: dict[str, Any], *, everything: bool) -> Iterator[Any]:
     for name, unit in zip(found["states"], found["units"], strict=True):
         states.add_row(Text(name), unit)
     yield from cut_tables([states], everything)
-    yield from (Text(line) for line in told(found["notes"], everything=everything))
+    yield from (Text(line) for line in note_lines(found["notes"], everything=everything))
 
 
 def checked_controller(path: Path) -> dict[str, Any]:
@@ -134,7 +134,7 @@ def mapping_parts(found: ImportMapping, *, everything: bool) -> Iterator[Any]:
     table = plain_table("channel", "from", "unit", "labels", left=("channel", "from", "unit", "labels"))
     for name, channel in found.channel.items():
         own = [", ".join(channel.columns), ", ".join(channel.units), ", ".join(channel.labels or ())]
-        table.add_row(name, *(x if everything else clipped(x, 30) for x in own))
+        table.add_row(name, *(x if everything else clip_line(x, 30) for x in own))
     yield from cut_tables([table], everything)
 
 
@@ -201,5 +201,5 @@ def _keys(table: dict[str, Any], everything: bool) -> Table:
         shown.columns[1].no_wrap, shown.columns[1].overflow = False, "fold"
     room = WIDTH - max(map(len, table), default=0) - 6
     for key, value in table.items():
-        shown.add_row(key, Text(str(value) if everything else clipped(str(value), room)))
+        shown.add_row(key, Text(str(value) if everything else clip_line(str(value), room)))
     return shown

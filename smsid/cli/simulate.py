@@ -10,7 +10,7 @@ import typer
 
 from smsid.cli.errors import Outcome
 from smsid.cli.options import DescriptionPath, RecordingOutput, Seed, ShowAll
-from smsid.cli.output import counting, print_parts, say, warn
+from smsid.cli.output import print_parts, say, show_progress, warn
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -64,7 +64,7 @@ def simulate_command(
         plan = Experiment(name=experiment, duration=path.duration)
     else:
         plan = named_experiment(experiment, model)
-    with counting(f"simulating {plan.name}", plan.duration, "s") as tell:
+    with show_progress(f"simulating {plan.name}", plan.duration, "s") as tell:
         how: dict[str, Any] = {"role": role, "progress": tell}
         if controller is None:
             flight = fly(model, plan, np.random.default_rng(seed), **how)

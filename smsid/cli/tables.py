@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from smsid._time_text import time_text
-from smsid.cli.output import WIDTH, clipped
+from smsid.cli.output import WIDTH, clip_line
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for, headline, short_name
 from smsid.recording import Recording
@@ -78,7 +78,7 @@ def estimate_parts(estimate: Estimate, *, everything: bool = False) -> Iterator[
     told += [f"{beside} nuisance parameters and other views"] if beside else []
     if told:
         yield Text(f"{' and '.join(told)} with --all", style="dim")
-    yield from (Text(clipped(line), style="yellow") for line in doubts(asked))
+    yield from (Text(clip_line(line), style="yellow") for line in doubts(asked))
 
 
 def doubts(parameters: Iterable[ParameterEstimate], most: int = 5) -> list[str]:

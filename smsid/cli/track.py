@@ -12,7 +12,7 @@ from smsid._statistics import NORMAL95
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, StartingEstimate, Unchecked
-from smsid.cli.output import print_parts, working
+from smsid.cli.output import print_parts, show_spinner
 from smsid.cli.places import Writes
 from smsid.errors import SmsidError
 
@@ -122,14 +122,14 @@ def track_command(
             )
         from smsid.tracking.track_momentum import track_momentum
 
-        with working("following"):
+        with show_spinner("following"):
             history, _ = track_momentum(described, loaded, estimate=known, cad=cad, memory=memory, gap=gap)
     elif memory is not None:
         raise SmsidError(
             "--memory is for --method momentum.", advice="A filter forgets by --follow PARAM=RATE."
         )
     else:
-        with working("following"):
+        with show_spinner("following"):
             history, tracker = track_recordings(
                 described, loaded, follow=rates_of(follow or ()) or None, hold=hold or (), estimate=known,
                 cad=cad, gap=gap, warm_up=warm_up, false_alarms=FALSE_ALARMS if changes else None,
@@ -192,7 +192,7 @@ def document(history: TrackHistory) -> dict:
 
 def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterator[RenderableType]:
     """Yield what to print of a history: parameters at the end, events, notes."""
-    from smsid.cli.output import told
+    from smsid.cli.output import note_lines
     from smsid.cli.tables import cut_tables, plain_table
 
     columns = ("parameter", "described", "first", "last", "± 95 %", "unit")
@@ -206,4 +206,4 @@ def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterato
     yield from (e.text for e in history.events if e.kind == "change")
     kinds = Counter(e.kind for e in history.events if e.kind != "change")
     yield from (f"{n} times: {kind}" for kind, n in kinds.items())
-    yield from told(history.notes, everything=everything)
+    yield from note_lines(history.notes, everything=everything)

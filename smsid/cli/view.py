@@ -13,7 +13,7 @@ import typer
 from smsid.cli.errors import Outcome
 from smsid.cli.inputs import read_recordings
 from smsid.cli.options import DescriptionPath
-from smsid.cli.output import say, working
+from smsid.cli.output import say, show_spinner
 from smsid.cli.places import PAGE, Writes
 from smsid.errors import SmsidError
 
@@ -75,13 +75,13 @@ def view_command(
     look = Look(slosh_factor=slosh, panel_factor=bending, background=sky, arrows=arrows, trail=trail)
     if simulated and not recordings:
         raise SmsidError("--simulated needs a recording.", advice="Give the one whose commands to fly.")
-    with working("drawing"):
+    with show_spinner("drawing"):
         described, paths = load_description(description), recordings or []
         how = {"simulated": simulated, "layout": layout, "look": look, "fps": fps, "speed": speed}
         motions = [_load_track(p) if _is_track(p) else read_recordings([p])[0] for p in paths]
         view = played(described, motions, file_names(paths), **how)  # type: ignore[arg-type]
     if live:
-        with working("drawing"):
+        with show_spinner("drawing"):
             shown = show(view, host=host)
         say(f"listening on {host}; open {shown.url} in a browser; Ctrl-C ends it")
         try:
@@ -90,7 +90,7 @@ def view_command(
         except KeyboardInterrupt:
             shown.close()
         return Outcome({"url": shown.url, "notes": list(shown.scene.notes)})
-    with working("drawing"):
+    with show_spinner("drawing"):
         write_view(view, output, fps=fps)
     for note in view.notes:
         say(f"note: {note}")

@@ -46,8 +46,8 @@ def added_body(found: Explained, tanks: tuple[Propellant, ...] = ()) -> Finding:
         )
     centre, spread = np.full(3, np.nan), np.full((3, 3), np.nan)
     if sure:
-        centre, spread = _propagated(lambda x: x[1:4] / x[0], theta, covariance)
-        central, wide = _propagated(
+        centre, spread = _propagate(lambda x: x[1:4] / x[0], theta, covariance)
+        central, wide = _propagate(
             lambda x: x[4:] - point_parameters(x[0], x[1:4] / x[0])[4:], theta, covariance
         )
         for k, axis in enumerate("xyz"):
@@ -100,7 +100,7 @@ def _words(
     return "body_released", f"A body of {size} has been released from, or has left, {body}{rivals}: {at}"
 
 
-def _propagated(
+def _propagate(
     function: Callable[[np.ndarray], np.ndarray], theta: np.ndarray, covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a function of parameters (10,) and its covariance, to first order."""

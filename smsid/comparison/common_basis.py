@@ -87,7 +87,7 @@ def common_basis(first: Estimate, second: Estimate, sizes: Mapping[str, float] |
     a, b = sides
     taken: set[int] = set()
     for i, name in enumerate(a.names):
-        j = _same(a.factors[i], b.factors, taken)
+        j = _find_row(a.factors[i], b.factors, taken)
         if j is not None and b.units[j] == a.units[i]:
             taken.add(j)
             left, right = np.eye(len(a.names))[i], np.eye(len(b.names))[j]
@@ -174,7 +174,7 @@ def _sizes(sides: Sequence[Side], elements: Sequence[str], known: Mapping[str, f
     return out
 
 
-def _same(row: np.ndarray, others: np.ndarray, taken: set[int]) -> int | None:
+def _find_row(row: np.ndarray, others: np.ndarray, taken: set[int]) -> int | None:
     """Return which row has the same factors, but for how they are rounded."""
     for j, other in enumerate(others):
         if j not in taken and np.all(

@@ -67,7 +67,7 @@ def compare(
             if part.hypothesis.kind == "body":
                 findings.append(added_body(part, tanks))
             else:
-                findings.append(_effect_changed(part, common, description))
+                findings.append(_effect_change(part, common, description))
         left = explained.left
         if left < UNEXPLAINED or not findings:
             findings.append(_unexplained(parameters, left))
@@ -88,7 +88,7 @@ def _changes(common: Common) -> tuple[ParameterChange, ...]:
     return tuple(found)
 
 
-def _effect_changed(part: Explained, common: Common, description: Description | None) -> Finding:
+def _effect_change(part: Explained, common: Common, description: Description | None) -> Finding:
     """Return the change of an effect's parameters, those first that changed most."""
     h = part.hypothesis
     sigma = np.sqrt(np.diag(part.covariance))

@@ -127,7 +127,7 @@ def explain(common: Common) -> Explanation:
         several = np.count_nonzero(common.factors, axis=1) > 1
         data = Differences(common, np.where(several, rounding, 0.0))
         chosen = _selected(data, whole)
-    left, rank = _left(data, chosen)
+    left, rank = _remaining_chi2(data, chosen)
     parts = [_explained(data, h, chosen, whole) for h in chosen]
     parts.sort(key=lambda x: x.p_value)
     freedom = data.freedom - rank
@@ -137,12 +137,12 @@ def explain(common: Common) -> Explanation:
 def _selected(data: Differences, whole: Sequence[Hypothesis]) -> list[Hypothesis]:
     chosen: list[Hypothesis] = []
     while len(chosen) < MOST:
-        now, rank = _left(data, chosen)
+        now, rank = _remaining_chi2(data, chosen)
         best, least = None, np.log(LEVEL / max(len(whole), 1))
         for h in whole:
             if h in chosen:
                 continue
-            then, more = _left(data, [*chosen, h])
+            then, more = _remaining_chi2(data, [*chosen, h])
             if more > rank:
                 chance = float(chi2.logsf(now - then, more - rank))
                 # beyond what a double holds the likelihood itself decides
@@ -152,10 +152,10 @@ def _selected(data: Differences, whole: Sequence[Hypothesis]) -> list[Hypothesis
         if best is None:
             break
         chosen.append(best)
-    return _needed(data, chosen, len(whole))
+    return _backward_elimination(data, chosen, len(whole))
 
 
-def _needed(data: Differences, chosen: list[Hypothesis], tried: int) -> list[Hypothesis]:
+def _backward_elimination(data: Differences, chosen: list[Hypothesis], tried: int) -> list[Hypothesis]:
     """Return the hypotheses without those that the others explain: backward elimination."""
     while len(chosen) > 1:
         chances = [_chance(data, h, chosen) for h in chosen]
@@ -168,21 +168,21 @@ def _needed(data: Differences, chosen: list[Hypothesis], tried: int) -> list[Hyp
 
 def _chance(data: Differences, one: Hypothesis, chosen: Sequence[Hypothesis]) -> float:
     """Return the probability of what a hypothesis explains beside the others, by chance."""
-    now, rank = _left(data, chosen)
-    then, less = _left(data, [h for h in chosen if h is not one])
+    now, rank = _remaining_chi2(data, chosen)
+    then, less = _remaining_chi2(data, [h for h in chosen if h is not one])
     return float(chi2.sf(then - now, rank - less)) if rank > less else 1.0
 
 
-def _left(data: Differences, chosen: Sequence[Hypothesis]) -> tuple[float, int]:
+def _remaining_chi2(data: Differences, chosen: Sequence[Hypothesis]) -> tuple[float, int]:
     """Return the chi-squared that hypotheses leave, and how many degrees of freedom they take."""
     if not chosen:
         return data.statistic, 0
-    u, _, _ = _decomposed(data, chosen)
+    u, _, _ = _decompose(data, chosen)
     rest = data.white - u @ (u.T @ data.white)
     return float(rest @ rest), u.shape[1]
 
 
-def _decomposed(data: Differences, chosen: Sequence[Hypothesis]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _decompose(data: Differences, chosen: Sequence[Hypothesis]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return U (r, k), the pseudo-inverse (p, k) with x = V U' d, and V0 (p, k) of what is told."""
     columns = data.whitener @ np.hstack([h.columns for h in chosen])
     size = np.linalg.norm(columns, axis=0)
@@ -195,24 +195,24 @@ def _decomposed(data: Differences, chosen: Sequence[Hypothesis]) -> tuple[np.nda
 def _moved(data: Differences, chosen: Sequence[Hypothesis]) -> list[np.ndarray]:
     if not chosen:
         return []
-    u, inverse, _ = _decomposed(data, chosen)
+    u, inverse, _ = _decompose(data, chosen)
     return np.split(inverse @ (u.T @ data.white), np.cumsum([len(h.names) for h in chosen])[:-1])
 
 
 def _explained(
     data: Differences, one: Hypothesis, chosen: Sequence[Hypothesis], whole: Sequence[Hypothesis]
 ) -> Explained:
-    u, inverse, basis = _decomposed(data, chosen)
+    u, inverse, basis = _decompose(data, chosen)
     begin = sum(len(h.names) for h in chosen[: chosen.index(one)])
     own = slice(begin, begin + len(one.names))
     told = 1.0 - np.sum(basis[own] ** 2, axis=1) < TOLD
-    now, _ = _left(data, chosen)
+    now, _ = _remaining_chi2(data, chosen)
     others = [h for h in chosen if h is not one]
     rivals = []
     for h in whole:
         if h in chosen or h.kind != one.kind:
             continue
-        then, _ = _left(data, [*others, h])
+        then, _ = _remaining_chi2(data, [*others, h])
         if then - now < RIVAL:
             rivals.append(h.subject)
     values, covariance = (inverse @ (u.T @ data.white))[own], inverse[own] @ inverse[own].T

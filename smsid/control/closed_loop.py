@@ -34,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Tracking:
+class TrackingRun:
     """A run at the controller's samples ``time`` (N,) [s], errors of the true state, not of the measured one.
 
     ``error`` (N, 3 + n) e, e_b first [rad]; ``torques`` (N, 3 + n) what acted, base axes and joints [N m];
@@ -105,7 +105,7 @@ def track(
     rng: np.random.Generator | None = None,
     limits: bool = True,
     start: np.ndarray | None = None,
-) -> Tracking:
+) -> TrackingRun:
     """Fly the complete spacecraft under the controller.
 
     Args:
@@ -162,7 +162,7 @@ def track_many(
     sensors: Sequence[Sensor] | None = None,
     generators: Sequence[np.random.Generator] | None = None,
     workers: int | None = None,
-) -> list[Tracking]:
+) -> list[TrackingRun]:
     """Fly the complete spacecraft under each controller, as `track` does, several at a time.
 
     Compiled flights run in ``workers`` threads, by default one per core; others take turns. ``generators``
@@ -194,7 +194,7 @@ def tracking_of(
     v: np.ndarray,
     tau: np.ndarray,
     actuators: Actuators,
-) -> Tracking:
+) -> TrackingRun:
     """Return a run from ``time`` (N,) [s], states q (N, nq), v (N, nv) and generalised forces tau (N, nv)."""
     wanted = controller.reference.sampled(time)
     position, rate = wanted[:, 0], wanted[:, 1]
@@ -205,12 +205,12 @@ def tracking_of(
     error_rate = np.hstack([base_rate, rate[:, 3:] - v[:, model.arm_joints.v]])
     wheels = tau[:, model.wheels.v]
     torques = np.hstack([-wheels @ actuators.layout.axes.T, tau[:, model.arm_joints.v]])
-    return Tracking(
+    return TrackingRun(
         time, error, error_rate, torques, wheels, v[:, model.wheels.v], q, v, dict(actuators.hits)
     )
 
 
-def disturbance(run: Tracking, gains: Gains) -> np.ndarray:
+def disturbance(run: TrackingRun, gains: Gains) -> np.ndarray:
     """Return d_tot = dde + K_D de + K_P e (N, 3 + n) [rad/s^2] of a run, (45); dde by central differences."""
     second = np.gradient(run.error_rate, run.time, axis=0)
     return second + run.error_rate @ gains.derivative + run.error @ gains.proportional

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from smsid.control.attitude import SMALLEST_COSINE
-from smsid.control.pd import Measured, ModelBasedController
+from smsid.control.pd import MeasuredState, ModelBasedController
 from smsid.control.sensed import SensedState
 from smsid.control.statespace import StateSpace
 from smsid.kernel.arrays import Kernel, tree_of
@@ -70,7 +70,7 @@ class CompiledFlight:
         senses = _perfect(count, 12 + 2 * n + w) if sensed is None else sensed.table(time[:-1])
         if senses is None:
             return None
-        f = controller.filter or StateSpace.nothing(d.size, 2 * d.size)
+        f = controller.filter or StateSpace.zero_system(d.size, 2 * d.size)
         a, b, c, through = (np.ascontiguousarray(x) for x in (f.a, f.b, f.c, f.d))
         law = Law(
             *inside.arrays,
@@ -138,7 +138,7 @@ class CompiledFlight:
         ends = np.cumsum([9, 3, n, n])
         turn, omega, angles, rates, wheels = np.split(seen, ends)
         self.controller.state = path.state.copy()
-        measured = Measured(turn.reshape(3, 3), omega, angles, rates, wheels)
+        measured = MeasuredState(turn.reshape(3, 3), omega, angles, rates, wheels)
         torques = self.controller.command(self.time[at], measured).torques
         path.asked[at] = self.actuators(torques, path.v[at * self.hold, self.model.wheels.v])
         path.state[:] = self.controller.state

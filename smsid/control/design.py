@@ -15,7 +15,7 @@ from smsid.control.robust import Pole, flexible_plant, refuse_unstable
 from smsid.control.robust_term import RobustTerm, guarded_term
 from smsid.control.robustness import Robustness, robust_stability
 from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, design_motion
-from smsid.control.tuning import Demands, Tuning, natural_modes, tuned_gains
+from smsid.control.tuning import Demands, TuningResult, natural_modes, tuned_gains
 from smsid.control.uncertain_plant import uncertain_plant
 from smsid.control.weights import weights_from_level
 from smsid.control.wheels import WheelLayout
@@ -76,7 +76,7 @@ class Design:
     poles: tuple[Pole, ...]
     identified: IdentifiedModel | None
     robustness: Robustness | None
-    tuning: Tuning | None
+    tuning: TuningResult | None
 
 
 def design(

@@ -103,11 +103,11 @@ def feasible(plant: Plant, gamma: float) -> bool:
 
 def _attempt(plant: Plant, gamma: float) -> StateSpace | None:
     """Return the central controller for gamma, or nothing when there is none."""
-    s = plant.system.balanced()
+    s = plant.system.balance_states()
     controller = central_controller(s, plant.controls, plant.measurements, gamma)
     if controller is None:
         return None
-    closed = lower_lft(s, controller).balanced()
+    closed = lower_lft(s, controller).balance_states()
     if not closed.stable or hinf_norm(closed, tolerance=1e-7)[0] > gamma * (1.0 + 1e-6):
         return None
     return controller
@@ -120,7 +120,7 @@ def _verified(plant: Plant, controller: StateSpace, gamma: float, optimum: float
 
 def _bracket(plant: Plant) -> tuple[float, float]:
     """Return a level below and one above the least feasible gamma."""
-    nothing = StateSpace.nothing(plant.controls, plant.measurements)
+    nothing = StateSpace.zero_system(plant.controls, plant.measurements)
     passive, _ = hinf_norm(lower_lft(plant.system, nothing))
     high = 1.01 * passive + 1e-9 if np.isfinite(passive) else 1.0
     low = 0.0
@@ -192,7 +192,7 @@ def central_controller(
     b1, b2 = system.b[:, :m1] @ q21, system.b[:, m1:] @ inverse12
     c1, c2 = q12.T @ system.c[:p1], inverse21 @ system.c[p1:]
     d11 = q12.T @ system.d[:p1, :m1] @ q21
-    found = _normalised(a, b1, b2, c1, c2, d11, gamma)
+    found = _normalised_controller(a, b1, b2, c1, c2, d11, gamma)
     if found is None:
         return None
     ak, bk, ck, dk = found
@@ -201,7 +201,7 @@ def central_controller(
     return StateSpace(ak, bk @ inverse21, inverse12 @ ck, inverse12 @ dk @ inverse21)
 
 
-def _normalised(
+def _normalised_controller(
     a: np.ndarray,
     b1: np.ndarray,
     b2: np.ndarray,

@@ -62,7 +62,7 @@ def mu_upper_bound(
         )
     owner = np.repeat(np.arange(len(blocks)), [b.size for b in blocks])
     real = np.flatnonzero([b.real for b in blocks])
-    first = _balanced(n, owner, len(blocks))
+    first = _balance_scalings(n, owner, len(blocks))
     choices = [np.concatenate([first, np.zeros(len(real))])]
     if start is not None:
         choices.append(start)
@@ -104,7 +104,7 @@ def _bound(x: np.ndarray, n: np.ndarray, owner: np.ndarray, real: np.ndarray) ->
     return value, gradient
 
 
-def _balanced(n: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
+def _balance_scalings(n: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
     """Return log D that evens out the blocks' rows and columns (Osborne, 1960)."""
     size = np.array(
         [[np.linalg.norm(n[np.ix_(owner == i, owner == j)]) for j in range(count)] for i in range(count)]

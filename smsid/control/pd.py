@@ -16,7 +16,7 @@ from smsid.errors import ControlError
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredState:
     """What the controller sees: ``rotation`` (3, 3) body to inertial, ``omega`` (3,) body axes [rad/s].
 
     ``angles``, ``rates`` (n,) of the arm joints [rad, rad/s]; ``wheel_rates`` (w,) [rad/s], or None: then the
@@ -84,7 +84,7 @@ class ModelBasedController:
         """Forget the state of the robust term."""
         self.state = np.zeros(self.filter.order if self.filter else 0)
 
-    def command(self, t: float, seen: Measured) -> Command:
+    def command(self, t: float, seen: MeasuredState) -> Command:
         """Return the torques for time t [s].
 
         Raises `ControlError` where the attitude's coordinates are singular.

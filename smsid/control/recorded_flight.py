@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from smsid.control.closed_loop import Actuators, Tracking, tracking_of
+from smsid.control.closed_loop import Actuators, TrackingRun, tracking_of
 from smsid.control.controller_file import SavedController
 from smsid.control.sensed import SensedState
 from smsid.control.trajectory import Motion, Reference, check_joints
-from smsid.experiments.fly import Flight, check_plausible, check_sensors, clock_lead, recorded
+from smsid.experiments.fly import Flight, check_plausible, check_sensors, clock_lead, record_motion
 from smsid.experiments.schema import Experiment
 from smsid.inputs.inputs import Inputs, JointMotion
 from smsid.inputs.signals import Fourier, Sampled
@@ -42,7 +42,7 @@ class ControlledFlight:
     """A flight and its recording, with the errors of the true state at the controller's calls."""
 
     flight: Flight
-    tracking: Tracking
+    tracking: TrackingRun
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def fly_controlled(
     check_joints(path, model)
     controller = saved.controller(model, Reference(path), period)
     actuators = Actuators(model, period)
-    # a generator gives `recorded` the same errors once more
+    # a generator gives `record_motion` the same errors once more
     streams = NoiseStreams(copy.deepcopy(rng))
     sensed = SensedState(model, model.description.effective_sensors(), times[-1], saved.rate, streams)
     wheels, joints = model.wheels.v, model.arm_joints.v
@@ -172,7 +172,7 @@ def fly_controlled(
         commanded["joint_torque"] = Sampled.from_samples(times[:-1], asked[1], degree=0)
     trajectory = simulate(model, Inputs(**outside, **commanded), times[-1], q0=q0, v0=v0)
     note = {"controller": {"description": saved.description, "rate": saved.rate}}
-    flight = recorded(trajectory, plan, rng, role=role, provenance=note)
+    flight = record_motion(trajectory, plan, rng, role=role, provenance=note)
     tau = np.zeros((calls + 1, model.nv))
     tau[:-1, wheels], tau[:-1, joints] = asked
     tau[-1] = tau[-2]

@@ -194,7 +194,7 @@ def _regrouped(model: pin.Model, group: JointGroup) -> JointGroup:
 Draw = Literal["uniform", "signs", "common"]
 
 
-def perturbed(
+def perturb_bodies(
     dynamics: ReducedDynamics, level: float, rng: np.random.Generator, draw: Draw = "uniform"
 ) -> ReducedDynamics:
     """Return the dynamics with every body's mass, centre of mass and inertia off by up to ``level``.

@@ -99,7 +99,7 @@ def controlled_names(model: SpacecraftModel) -> tuple[list[int], tuple[str, ...]
 
 def law_of(gains: Gains, controller: StateSpace | None, inertia: np.ndarray) -> StateSpace:
     """Return Q_c = H_hat (K_D de + K_P e - u_inf) as a system from (e, de); ``inertia`` (k, k) is H_hat."""
-    c = controller or StateSpace.nothing(gains.size, 2 * gains.size)
+    c = controller or StateSpace.zero_system(gains.size, 2 * gains.size)
     through = inertia @ (np.hstack([gains.proportional, gains.derivative]) - c.d)
     return StateSpace(c.a, c.b, -inertia @ c.c, through)
 

@@ -24,7 +24,7 @@ from smsid.control.gains import Gains
 from smsid.control.hinfinity import Plant, Synthesis, feasible, synthesize
 from smsid.control.robust import FlexiblePlant, Pole, least_damping, named_poles
 from smsid.control.statespace import StateSpace, hinf_norm, lower_lft, stack
-from smsid.control.weights import ROLL_OFF, SLOWEST, Weights
+from smsid.control.weights import ROLL_OFF, SLOWEST, DesignWeights
 from smsid.errors import ControlError
 
 SLOWER = (0.7, 0.5, 0.35, 0.25, 0.18)
@@ -61,7 +61,7 @@ class RobustTerm:
     """u_inf = K (e, de): ``controller`` takes (e (n,), de (n,)) [rad, rad/s] to u_inf (n,) [rad/s^2]."""
 
     gains: Gains
-    weights: Weights
+    weights: DesignWeights
     controller: StateSpace
     blocks: tuple[DesignBlock, ...]
 
@@ -73,7 +73,7 @@ class RobustTerm:
 
 def design_robust_term(
     gains: Gains,
-    weights: Weights,
+    weights: DesignWeights,
     *,
     error: float | np.ndarray | None = None,
     slower: tuple[float, ...] = SLOWER,
@@ -114,14 +114,14 @@ def design_robust_term(
 
 def _design(
     gains: Gains,
-    weights: Weights,
+    weights: DesignWeights,
     index: np.ndarray,
     error: float | np.ndarray | None,
     slower: tuple[float, ...],
     relaxed: float,
 ) -> tuple[DesignBlock, StateSpace]:
     kp, kd = gains.proportional[np.ix_(index, index)], gains.derivative[np.ix_(index, index)]
-    part = Weights(
+    part = DesignWeights(
         weights.disturbance[index],
         weights.angle_noise[index],
         weights.rate_noise[index],
@@ -137,7 +137,7 @@ def _design(
         for factor in slower:
             if stated.integral >= factor * stated.crossover:
                 break
-            other = _slowed(stated, factor)
+            other = _lower_crossover(stated, factor)
             if _reaches(kp, kd, other, WORTH * share * passive):
                 part, share = other, _smallest(kp, kd, other, passive, WORTH * share)
         bound = relaxed * share * passive
@@ -152,7 +152,7 @@ def _design(
     return _judged(kp, kd, controller, index, found, bound, part.crossover), controller
 
 
-def _slowed(weights: Weights, factor: float) -> Weights:
+def _lower_crossover(weights: DesignWeights, factor: float) -> DesignWeights:
     """Return the weights at a lower crossover, with the noise that is left in the narrower band."""
     root = float(np.sqrt(factor))
     return replace(
@@ -163,12 +163,12 @@ def _slowed(weights: Weights, factor: float) -> Weights:
     )
 
 
-def _reaches(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndarray) -> bool:
+def _reaches(kp: np.ndarray, kd: np.ndarray, weights: DesignWeights, error: np.ndarray) -> bool:
     return feasible(error_plant(kp, kd, weights, error), 1.0)
 
 
 def _smallest(
-    kp: np.ndarray, kd: np.ndarray, weights: Weights, passive: np.ndarray, high: float | None = None
+    kp: np.ndarray, kd: np.ndarray, weights: DesignWeights, passive: np.ndarray, high: float | None = None
 ) -> float:
     """Return the smallest share of the passive error that is feasible, to 2 %; ``high`` is known to be."""
     low = 1e-6
@@ -177,7 +177,7 @@ def _smallest(
         while not _reaches(kp, kd, weights, high * passive):
             high *= 10.0
             if high > 1e7:
-                raise _none_found(kp, kd, weights, high * passive)
+                raise _no_term_reason(kp, kd, weights, high * passive)
     else:
         low = 0.3 * high
         while _reaches(kp, kd, weights, low * passive):
@@ -196,13 +196,15 @@ def _smallest(
     return high
 
 
-def _none_found(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndarray) -> ControlError:
+def _no_term_reason(
+    kp: np.ndarray, kd: np.ndarray, weights: DesignWeights, error: np.ndarray
+) -> ControlError:
     """Return why there is no term although ``error`` (k,) [rad] is allowed: the loop, or our arithmetic.
 
     No term at all, u_inf = 0, is a controller as well: where it meets the norm, one exists.
     """
     plant, k = error_plant(kp, kd, weights, error), len(kp)
-    alone, _ = hinf_norm(lower_lft(plant.system.balanced(), StateSpace.nothing(k, 2 * k)))
+    alone, _ = hinf_norm(lower_lft(plant.system.balance_states(), StateSpace.zero_system(k, 2 * k)))
     if alone < 1.0:
         return ControlError(
             f"The H-infinity synthesis failed numerically: PD alone meets its bound (norm {alone:.3g}), but "
@@ -224,7 +226,7 @@ def _none_found(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndar
     )
 
 
-def error_plant(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndarray) -> Plant:
+def error_plant(kp: np.ndarray, kd: np.ndarray, weights: DesignWeights, error: np.ndarray) -> Plant:
     """Return the normalised generalised plant of (47) for k coupled coordinates; see the module.
 
     ``kp``, ``kd`` (k, k), ``error`` (k,) [rad] that counts as one. States: e, de, and those of W_e, W_T and
@@ -278,7 +280,7 @@ def error_plant(kp: np.ndarray, kd: np.ndarray, weights: Weights, error: np.ndar
     return Plant(system, k, 2 * k)
 
 
-def effective_disturbance(kp: np.ndarray, kd: np.ndarray, weights: Weights) -> np.ndarray:
+def effective_disturbance(kp: np.ndarray, kd: np.ndarray, weights: DesignWeights) -> np.ndarray:
     """Return the disturbance (k,) with what noise makes PD ask for, which disturbs like anything else.
 
     ``kp``, ``kd`` (k, k) of (47) [1/s^2, 1/s].
@@ -334,7 +336,7 @@ RELAXED = (1.5, 2.0, 3.0, 5.0, 10.0)
 
 
 def guarded_term(
-    plant: FlexiblePlant, inertia: np.ndarray, gains: Gains, weights: Weights
+    plant: FlexiblePlant, inertia: np.ndarray, gains: Gains, weights: DesignWeights
 ) -> tuple[RobustTerm, tuple[Pole, ...]]:
     """Return the H-infinity term and the named poles of the loop with slosh and bending inside.
 

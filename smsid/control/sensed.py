@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from smsid.control.pd import Measured
+from smsid.control.pd import MeasuredState
 from smsid.errors import ControlError
 from smsid.kernel.flight import Senses
 from smsid.model.spacecraft import SpacecraftModel
@@ -25,10 +25,12 @@ NEEDED = ("attitude", "angular_rate", "joint_position", "joint_velocity")
 LINEAR = ("scale_error", "scale_sigma", "misalignment", "misalignment_sigma")
 
 
-def measured_truth(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> Measured:
+def measured_truth(model: SpacecraftModel, q: np.ndarray, v: np.ndarray) -> MeasuredState:
     """Return what perfect sensors see in the state q (nq,), v (nv,) [rad, rad/s]."""
     rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
-    return Measured(rotation, v[3:6].copy(), model.joint_angles(q), v[model.arm_joints.v], v[model.wheels.v])
+    return MeasuredState(
+        rotation, v[3:6].copy(), model.joint_angles(q), v[model.arm_joints.v], v[model.wheels.v]
+    )
 
 
 @dataclass
@@ -68,7 +70,7 @@ class SensedState:
     ) -> None:
         """Draw the errors; raises `ControlError` when a quantity the controller needs is not measured."""
         self.model, self.period = model, 1.0 / control_rate
-        self.history: list[Measured] = []
+        self.history: list[MeasuredState] = []
         self.streams: dict[str, _Stream] = {}
         sizes = {
             "attitude": 4,
@@ -94,13 +96,13 @@ class SensedState:
                 rate = min(owner.rate, control_rate)
                 self.streams[quantity] = _stream(owner, quantity, size, duration, rate, fresh)
 
-    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> Measured:
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> MeasuredState:
         """Return what is reported at t [s]."""
         self.history.append(measured_truth(self.model, q, v))
         turned = self._read("attitude", t)
         wheels = self._read("wheel_rate", t) if "wheel_rate" in self.streams else None
         rest = [self._read(name, t) for name in NEEDED[1:]]
-        return Measured(turned, rest[0], rest[1], rest[2], wheels)
+        return MeasuredState(turned, rest[0], rest[1], rest[2], wheels)
 
     def table(self, times: np.ndarray) -> Senses | None:
         """Return what the sensors do at the controller's calls (N,) [s], for the compiled flight.
@@ -137,7 +139,7 @@ class SensedState:
         s.last = index
         if quantity == "attitude":
             turn = state.rotation @ s.errors[index]
-            found = s.value = _rounded(turn, s.step, s.mount) if s.step > 0.0 else turn
+            found = s.value = _round_attitude(turn, s.step, s.mount) if s.step > 0.0 else turn
             return found
         names = {"angular_rate": "omega", "joint_position": "angles", "joint_velocity": "rates"}
         exact = getattr(state, names.get(quantity, "wheel_rates"))
@@ -194,7 +196,7 @@ def _stream(
     return _Stream(rate, error.delay, errors, linear, error.saturation, error.quantisation)
 
 
-def _rounded(rotation: np.ndarray, step: float, mount: np.ndarray) -> np.ndarray:
+def _round_attitude(rotation: np.ndarray, step: float, mount: np.ndarray) -> np.ndarray:
     """Return the rotation (3, 3) whose quaternion, in the sensor's axes, is rounded and normalised again.
 
     ``mount`` (3, 3) takes the sensor's axes to the bus's.

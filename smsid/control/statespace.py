@@ -37,7 +37,7 @@ class StateSpace:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def nothing(cls, outputs: int, inputs: int) -> StateSpace:
+    def zero_system(cls, outputs: int, inputs: int) -> StateSpace:
         """Return the system without states whose outputs are zero."""
         none = np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0)), np.zeros((outputs, inputs))
         return cls(*none)
@@ -72,7 +72,7 @@ class StateSpace:
         """Return left @ self @ right, matrices (q, p) and (m, r)."""
         return StateSpace(self.a, self.b @ right, left @ self.c, left @ self.d @ right, self.period)
 
-    def balanced(self) -> StateSpace:
+    def balance_states(self) -> StateSpace:
         """Return the same system with its states scaled, by powers of two, until rows match columns in size.
 
         Units of states, and sensors of any quality, then cost no digits (Osborne's balancing of A, B and C).

@@ -150,7 +150,7 @@ def minimum_jerk(
 
 
 @dataclass(frozen=True)
-class Shaped(Motion):
+class ShapedMotion(Motion):
     """A motion convolved with the impulses of a shaper: the same way, later by the shaper's length."""
 
     motion: Motion

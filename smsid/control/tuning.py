@@ -34,7 +34,7 @@ FASTEST = 0.2
 
 
 @dataclass(frozen=True)
-class Mode:
+class NaturalFrequency:
     """A natural frequency [rad/s] of slosh or panel, 95 % interval; ``held``: base and joints held."""
 
     name: str
@@ -67,7 +67,7 @@ class Demands:
 
 
 @dataclass(frozen=True)
-class Tuning:
+class TuningResult:
     """``gains`` at ``attitude`` and ``joints`` [rad/s], the expected ``error`` (3 + n,) [rad], and the modes.
 
     ``poles`` are those of the loop with slosh and bending inside.
@@ -77,11 +77,11 @@ class Tuning:
     attitude: float
     joints: float
     error: np.ndarray
-    modes: tuple[Mode, ...]
+    modes: tuple[NaturalFrequency, ...]
     poles: tuple[Pole, ...]
 
 
-def natural_modes(plant: UncertainPlant, rng: np.random.Generator) -> tuple[Mode, ...]:
+def natural_modes(plant: UncertainPlant, rng: np.random.Generator) -> tuple[NaturalFrequency, ...]:
     """Return the natural frequencies of slosh and bending with their intervals.
 
     From `DRAWS` plants with parameters Gaussian within their intervals; 2.5 to 97.5 %.
@@ -93,15 +93,15 @@ def natural_modes(plant: UncertainPlant, rng: np.random.Generator) -> tuple[Mode
         spread = np.array([_frequencies(plant, d, held)[0] for d in drawn])
         low, high = np.percentile(spread, [2.5, 97.5], axis=0)
         found += [
-            Mode(n, held, float(f), float(min(a, f)), float(max(b, f)))
+            NaturalFrequency(n, held, float(f), float(min(a, f)), float(max(b, f)))
             for n, f, a, b in zip(names, exact, low, high, strict=True)
         ]
     return tuple(sorted(found, key=lambda m: m.frequency))
 
 
 def tuned_gains(
-    flexible: FlexiblePlant, inertia: np.ndarray, demands: Demands, modes: tuple[Mode, ...]
-) -> Tuning:
+    flexible: FlexiblePlant, inertia: np.ndarray, demands: Demands, modes: tuple[NaturalFrequency, ...]
+) -> TuningResult:
     """Return gains that keep clear of the modes.
 
     ``inertia`` (3 + n, 3 + n) [kg m^2] is the controller's H_hat.
@@ -123,7 +123,7 @@ def tuned_gains(
         if not len(group):
             chosen.append(np.nan)
             continue
-        scored = [(_expected(w, demands, group), w) for w in clear]
+        scored = [(_expected_error(w, demands, group), w) for w in clear]
         possible = [(float(e.max()), w, e) for e, w in scored if e is not None]
         if not possible:
             raise ControlError(
@@ -144,7 +144,7 @@ def tuned_gains(
             advice="Identify the mode better, or give gains by hand.",
             poles=poles,
         )
-    return Tuning(found, chosen[0], chosen[1], errors, modes, poles)
+    return TuningResult(found, chosen[0], chosen[1], errors, modes, poles)
 
 
 def noise_error(frequency: float, angle_noise: float, rate_noise: float, rate: float) -> float:
@@ -158,7 +158,7 @@ def noise_error(frequency: float, angle_noise: float, rate_noise: float, rate: f
     return float(np.sqrt(covariance[0, 0]))
 
 
-def _expected(w: float, demands: Demands, group: np.ndarray) -> np.ndarray | None:
+def _expected_error(w: float, demands: Demands, group: np.ndarray) -> np.ndarray | None:
     """Return the expected error (k,) [rad] of a group at w, or nothing where the actuators do not suffice."""
     angle, speed = demands.angle_noise[group], demands.rate_noise[group]
     asked = SPREAD * np.hypot(w**2 * angle, 2.0 * w * speed) + demands.disturbance[group]

@@ -35,7 +35,7 @@ SMALLEST = 1e-9
 
 
 @dataclass(frozen=True)
-class Change:
+class ParameterEffect:
     """What one parameter does at the end of its interval: ``mass`` (m, m), ``damping``, ``stiffness`` (m,).
 
     ``rigid``: a combination of the bodies' inertial parameters; all of those together are one full block of
@@ -62,7 +62,7 @@ class UncertainPlant:
     input: np.ndarray
     kept: np.ndarray
     names: tuple[str, ...]
-    changes: tuple[Change, ...]
+    changes: tuple[ParameterEffect, ...]
 
     @property
     def actuated(self) -> int:
@@ -193,7 +193,7 @@ def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.
     stiffness, damping = springs(model)
     zero = np.zeros(model.nv)
     changes = [
-        Change(name, NORMAL95 * (_mass_matrix(model, q, d) - mass), zero, zero, True)
+        ParameterEffect(name, NORMAL95 * (_mass_matrix(model, q, d) - mass), zero, zero, True)
         for name, d in zip(identified.direction_names, identified.directions, strict=True)
         if d.any()
     ]
@@ -211,7 +211,7 @@ def uncertain_plant(identified: IdentifiedModel, estimate: Estimate, angles: np.
         # a middle that is not the model's value: only for parameters that enter plainly, dampings
         damping = damping + (middle - scalar.value) * by_d
         by_mass = _mass_matrix(model, q, theta) - mass if theta.any() else np.zeros_like(mass)
-        changes.append(Change(scalar.name, half * by_mass, half * by_d, half * by_k, False))
+        changes.append(ParameterEffect(scalar.name, half * by_mass, half * by_d, half * by_k, False))
     kept, names = controlled_names(model)
     actuated = 3 + len(model.arm_joints)
     into = np.zeros((model.nv, actuated))

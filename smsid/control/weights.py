@@ -17,7 +17,7 @@ SLOWEST = 1e-3
 
 
 @dataclass(frozen=True)
-class Weights:
+class DesignWeights:
     """Sizes that the H-infinity design is normalised with, per coordinate (3 + n,) unless said.
 
     ``disturbance`` d_tot of (45) [rad/s^2]; ``angle_noise`` [rad] and ``rate_noise`` [rad/s] of the measured
@@ -84,7 +84,7 @@ def weights_from_level(
     crossover: float,
     integral: float = 0.05,
     source: str = "stated",
-) -> Weights:
+) -> DesignWeights:
     """Return weights for a stated parametric uncertainty.
 
     A body-wise scaling of masses and inertias within +-level scales H (and every Schur complement of it)
@@ -97,11 +97,11 @@ def weights_from_level(
         left_out: bound on what slosh, panel and sensors do to the loop, d_d of (45) [rad/s^2], one or
             (3 + n,); see `smsid.control.closed_loop`.
         angle_noise, rate_noise: (3 + n,) in the band of the loop [rad, rad/s]; see `in_band`.
-        crossover, integral: see `Weights` [rad/s].
+        crossover, integral: see `DesignWeights` [rad/s].
         source: where the level comes from, for ``origin``.
 
     Raises:
-        ControlError: as `Weights`.
+        ControlError: as `DesignWeights`.
     """
     largest = np.abs(np.asarray(acceleration, dtype=float))
     disturbance = level * np.maximum(largest, 0.1 * largest.max(initial=0.0)) + np.asarray(
@@ -113,6 +113,6 @@ def weights_from_level(
         f"disturbance: up to {shares[0]:.2e} rad/s^2 from parameters, {shares[1]:.2e} from what is left out",
     )
     logger.info("weights: %s", "; ".join(origin))
-    return Weights(
+    return DesignWeights(
         disturbance, np.asarray(angle_noise), np.asarray(rate_noise), level, crossover, integral, origin
     )

@@ -114,7 +114,7 @@ class WheelLayout:
         wheels = -self.inverse @ torque
         torque_limited = np.abs(wheels) > self.max_torque * (1.0 + 1e-12)
         if torque_limited.any():
-            wheels = self._spread(wheels)
+            wheels = self._least_share_torques(wheels)
             share = float((np.abs(wheels) / self.max_torque).max())
             torque_limited = np.abs(wheels) >= self.max_torque * (1.0 + 1e-9)
             if share > 1.0:
@@ -126,7 +126,7 @@ class WheelLayout:
         rate_limited = np.abs(limited - wheels) > 1e-12 * (1.0 + np.abs(wheels))
         return Allocation(limited, -self.axes @ limited, torque_limited, rate_limited)
 
-    def _spread(self, wheels: np.ndarray) -> np.ndarray:
+    def _least_share_torques(self, wheels: np.ndarray) -> np.ndarray:
         """Return the torques of the same effect whose largest share of the limits is least."""
         n = self.null_space.shape[1]
         limited = np.isfinite(self.max_torque)

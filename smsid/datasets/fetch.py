@@ -85,7 +85,7 @@ def _file(chosen: DataSet, file: DataFile, download: bool) -> Path:
             data_set=chosen.name,
             file=file.name,
         )
-    return _downloaded(chosen, file)
+    return _download(chosen, file)
 
 
 def _local(chosen: DataSet, file: DataFile) -> Path | None:
@@ -97,7 +97,7 @@ def _local(chosen: DataSet, file: DataFile) -> Path | None:
     return None
 
 
-def _downloaded(chosen: DataSet, file: DataFile) -> Path:
+def _download(chosen: DataSet, file: DataFile) -> Path:
     if file.path is None:
         raise RecordingError(
             f"'{file.name}' of data set '{chosen.name}' is absent, and where it lies in its repository is "

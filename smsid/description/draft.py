@@ -51,7 +51,7 @@ def draft_arm(source: str) -> DraftArm:
 
 
 @dataclass(frozen=True)
-class Draft:
+class CraftDraft:
     """What a new craft has: ``arms``, numbers of ``wheels`` and ``tanks``, and a ``panel`` of length by width
     [m]; its bus is a cube of uniform density with ``mass`` [kg] and edge ``size`` [m].
     """
@@ -66,17 +66,17 @@ class Draft:
 
     def urdf(self) -> str:
         """Return the bus as a URDF."""
-        return _filled("bus.urdf", d=self)
+        return _fill_template("bus.urdf", d=self)
 
     def toml(self) -> str:
         """Return the description beside it; raises `DescriptionError` for fewer than no wheels."""
         if self.wheels < 0:
             raise DescriptionError(f"A craft cannot have {self.wheels} wheels.", advice="Give 0 or more.")
         axes, half = _wheel_axes(self.wheels), self.size / 2
-        return _filled("craft.toml", d=self, axes=axes, half=half, key=_key, quoted=json.dumps)
+        return _fill_template("craft.toml", d=self, axes=axes, half=half, key=_key, quoted=json.dumps)
 
 
-def _filled(name: str, **values: object) -> str:
+def _fill_template(name: str, **values: object) -> str:
     """Return a template of this package, filled in."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

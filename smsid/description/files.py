@@ -40,7 +40,7 @@ def load_description(path: str | os.PathLike[str]) -> Description:
     if file.suffix in SUFFIXES:
         name = file.stem.removesuffix(".urdf")
         bare = Description(name=name, urdf=file.name, folder=file.parent, meshes="optional")
-        return _grounded(_with_arguments(bare))
+        return _as_ground_machine(_with_arguments(bare))
     tables = with_finite_elements(read_toml(file, DescriptionError), file.parent)
     advice = "See docs/description.md for every key."
     found = validated(
@@ -55,7 +55,7 @@ def load_description(path: str | os.PathLike[str]) -> Description:
     return _with_arguments(found)
 
 
-def _grounded(bare: Description) -> Description:
+def _as_ground_machine(bare: Description) -> Description:
     """Return a URDF alone as a machine on the ground where joints of an arm move on a root without mass.
 
     What cannot be read stays as it is: `smsid.model.build_model` says what is wrong.

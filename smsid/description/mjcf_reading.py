@@ -38,7 +38,7 @@ def mjcf_to_urdf(path: Path) -> bytes:
     top, others = _root(m, str(path))
     tree = UrdfTree(m.body(top).name or path.stem)
     name = {0: "world"}
-    lost = _lost(m)
+    lost = _unsupported_parts(m)
     if others:
         lost.append(f"{len(others)} bodies of the world beside '{m.body(top).name}': {', '.join(others[:5])}")
     jointed = m.body_jntnum[top] and m.jnt_type[m.body_jntadr[top]] != FREE
@@ -144,7 +144,7 @@ def _matrix(quaternion: np.ndarray) -> np.ndarray:
     return Rotation.from_quat(np.roll(np.array(quaternion, dtype=float), -1)).as_matrix()
 
 
-def _lost(m: Any) -> list[str]:
+def _unsupported_parts(m: Any) -> list[str]:
     """Return what the model has that a URDF cannot say."""
     joints = [m.joint(k).name or f"joint{k}" for k in range(m.njnt)]
     armed = [joints[int(m.dof_jntid[d])] for d in range(m.nv) if m.dof_armature[d] > 0.0]

@@ -55,7 +55,7 @@ def sdf_to_urdf(content: bytes, source: str) -> bytes:
     # The frame of a URDF's link is that of its joint: a link that is given elsewhere hangs on one more.
     for joint in model.findall("joint"):
         _add_joint(joint, frames, tree, source)
-    for what in _lost(model, root):
+    for what in _unsupported_parts(model, root):
         logger.warning("%s: not in the URDF made of it: %s.", source, what)
     return tree.text()
 
@@ -207,7 +207,7 @@ def _limit(axis: ElementTree.Element, key: str, sign: float) -> float:
     return value if np.isfinite(value) and abs(value) < UNLIMITED else sign * UNLIMITED
 
 
-def _lost(model: ElementTree.Element, root: ElementTree.Element) -> list[str]:
+def _unsupported_parts(model: ElementTree.Element, root: ElementTree.Element) -> list[str]:
     """Return what the model has that the URDF made of it does not say."""
     found = []
     springs = [

@@ -16,9 +16,9 @@ from smsid.design.forecast import exact_information
 from smsid.design.goal import CRITERIA, Criterion, Goal, needs_motion
 from smsid.design.limits import Limits, experiment_use
 from smsid.design.minimum_time import Progress, Watch, minimum_time_design
-from smsid.design.moving import Moving, design_motion, within_limits
+from smsid.design.moving import FoundMotion, design_motion, within_limits
 from smsid.design.thrusting import (
-    Thrusting,
+    FoundThrust,
     axes_of,
     design_thrust,
     intervals_of,
@@ -95,9 +95,9 @@ def design_experiment(
         kind = "motion" if needs_motion(Parameters.of(model), wanted) else "thrust"
     watch: Watch[Any] = Watch(progress)
     last: list[np.ndarray] = []  # what the search for another duration ended with
-    first: list[Moving] = []
+    first: list[FoundMotion] = []
 
-    def designed(length: float) -> Thrusting | Moving:
+    def designed(length: float) -> FoundThrust | FoundMotion:
         rng = np.random.default_rng(seed)
         if kind == "thrust":
             used = axes if axes is not None or not last else axes_of(last[0])  # the same for all durations
@@ -107,29 +107,29 @@ def design_experiment(
         first[:] = [origin]
         return made
 
-    def search(length: float) -> tuple[float, Thrusting | Moving]:
-        watch.restarted(f"{kind} of {length:.4g} s")
+    def search(length: float) -> tuple[float, FoundThrust | FoundMotion]:
+        watch.restart(f"{kind} of {length:.4g} s")
         try:
             made = designed(length)
         except KeyboardInterrupt:
             if watch.best is None:
                 raise
             watch.interrupted, made = True, watch.best
-        last[:] = [made.thrust if isinstance(made, Thrusting) else made.point]
+        last[:] = [made.thrust if isinstance(made, FoundThrust) else made.point]
         return float(made.goal.relative(made.covariance).max()), made
 
     def whole(length: float) -> float:
         ticks = intervals_of(60.0)
         return ticks * round(length / ticks, 2) if kind == "thrust" else round(length, 1)
 
-    def held_back(made: Thrusting | Moving) -> str:
-        moving = isinstance(made, Moving)
+    def held_back(made: FoundThrust | FoundMotion) -> str:
+        moving = isinstance(made, FoundMotion)
         uses = (
             within_limits(model, made, limits)[1]
             if moving
             else experiment_use(model, made.experiment, limits)
         )
-        return _held_back(uses, limits)
+        return _active_limits(uses, limits)
 
     if to is None:
         _, made = search(duration or DURATION[kind])
@@ -137,21 +137,21 @@ def design_experiment(
         most = duration or LONGEST
         made = minimum_time_design(search, to, DURATION[kind], most, whole, watch, held_back)
     made = replace(made, experiment=made.experiment.model_copy(update={"name": name}))
-    if isinstance(made, Moving):
+    if isinstance(made, FoundMotion):
         made, uses = within_limits(model, made, limits)
         before = within_limits(model, first[0] if first else made, limits)[0].experiment
-        return _finished(model, made, uses, before, watch, to, limits)
+        return _with_exact_bounds(model, made, uses, before, watch, to, limits)
     uses = experiment_use(model, made.experiment, limits)
     over = limit_share(uses, limits)
     if over > 1.0 + 1e-6:
         made = scale_thrust(made, 0.9999 / over)
         uses = experiment_use(model, made.experiment, limits)
-    return _finished(model, made, uses, paper_thrust(model, made, limits), watch, to, limits)
+    return _with_exact_bounds(model, made, uses, paper_thrust(model, made, limits), watch, to, limits)
 
 
-def _finished(
+def _with_exact_bounds(
     model: SpacecraftModel,
-    made: Thrusting | Moving,
+    made: FoundThrust | FoundMotion,
     uses: tuple[LimitUse, ...],
     reference: Experiment,
     watch: Watch,
@@ -168,7 +168,7 @@ def _finished(
     notes = []
     if watch.interrupted:
         notes.append("interrupted: this is the best found so far")
-    used_up = _held_back(uses, limits)
+    used_up = _active_limits(uses, limits)
     if used_up:
         notes.append(used_up.removeprefix(", "))
     if to is not None and (sigma / goal.scales).max() > to:
@@ -187,7 +187,7 @@ def _finished(
     )
 
 
-def _held_back(uses: tuple[LimitUse, ...], limits: Limits) -> str:
+def _active_limits(uses: tuple[LimitUse, ...], limits: Limits) -> str:
     """Return the limits that are used up, in words."""
     full = [str(u) for u in uses if limits.share(u) > FULL]
     return f", held back by {'; '.join(full)}" if full else ""

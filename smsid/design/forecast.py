@@ -140,7 +140,7 @@ class Forecast:
             torque = experiment.wheel_torque.signal() if experiment.wheel_torque is not None else None
             angle = np.zeros((len(knots), len(model.wheels)))
             if isinstance(torque, Fourier):
-                angle = twice_integrated(torque, knots) / spin_inertias(model)
+                angle = double_integral(torque, knots) / spin_inertias(model)
             noise = self._noise("tachometer", "wheel_rate", len(model.wheels))
             wheels = _spline(knots, angle, noise)
         return Drive(free, home, False, None, joints, wheels)
@@ -171,7 +171,7 @@ def exact_information(description: Description, experiment: Experiment) -> Norma
     return normal_at([piece], seen, Prior(at), with_data=False)
 
 
-def twice_integrated(series: Fourier, times: np.ndarray) -> np.ndarray:
+def double_integral(series: Fourier, times: np.ndarray) -> np.ndarray:
     """Return the double integral (N, k) of a Fourier series from rest at time zero."""
     order = 2.0 * np.pi * series.frequency * np.arange(1, series.cos.shape[1] + 1)
     phase = np.outer(times, order)
@@ -180,7 +180,7 @@ def twice_integrated(series: Fourier, times: np.ndarray) -> np.ndarray:
     return wave + np.outer(times, (b * order).sum(axis=1)) + 0.5 * np.outer(times**2, series.offset)
 
 
-def once_integrated(series: Fourier, times: np.ndarray) -> np.ndarray:
+def single_integral(series: Fourier, times: np.ndarray) -> np.ndarray:
     """Return the integral (N, k) of a Fourier series from time zero."""
     order = 2.0 * np.pi * series.frequency * np.arange(1, series.cos.shape[1] + 1)
     phase = np.outer(times, order)

@@ -56,7 +56,7 @@ class Limits:
             raise ExperimentError("A margin of 1 leaves nothing.", advice="Use a share such as 0.02.")
 
     @property
-    def usable(self) -> float:
+    def usable_share(self) -> float:
         """The share of a limit that a design may use."""
         return 1.0 - self.margin
 
@@ -100,13 +100,13 @@ class Limits:
             LimitUse(f"root moment of {name}", float(moment.max(initial=0.0)), self.root_moment, "N m"),
         ]
 
-    def broken(self, uses: Sequence[LimitUse]) -> tuple[LimitUse, ...]:
+    def violations(self, uses: Sequence[LimitUse]) -> tuple[LimitUse, ...]:
         """Return the limits that are passed, the margin counted."""
         return tuple(u for u in uses if self.share(u) > 1.0 + 1e-6)
 
     def share(self, use: LimitUse) -> float:
         """Return how much of what may be used of a limit is used: 1 is all of it, 0 when there is none."""
-        return 0.0 if use.limit is None else use.value / (self.usable * use.limit)
+        return 0.0 if use.limit is None else use.value / (self.usable_share * use.limit)
 
 
 def experiment_use(model: SpacecraftModel, experiment: Experiment, limits: Limits) -> tuple[LimitUse, ...]:

@@ -36,7 +36,7 @@ class Watch(Generic[T]):
         if self.progress is not None:
             self.progress(self.stage, self.evaluations, self.shown)
 
-    def restarted(self, stage: str) -> None:
+    def restart(self, stage: str) -> None:
         """Forget the best, for a new question; evaluations go on counting."""
         self.stage, self.cost, self.best = stage, float("inf"), None
 
@@ -88,7 +88,7 @@ def minimum_time_design(
                 reached=reached,
                 duration=longest,
             )
-        duration = whole(float(np.clip(_next(tried, target, good, bad), 0.0, longest)))
+        duration = whole(float(np.clip(_next_duration(tried, target, good, bad), 0.0, longest)))
         if duration <= 0.0 or duration in tried:
             break
         at(duration)
@@ -97,7 +97,7 @@ def minimum_time_design(
     return tried[chosen][1]
 
 
-def _next(tried: dict, target: float, good: list[float], bad: list[float]) -> float:
+def _next_duration(tried: dict, target: float, good: list[float], bad: list[float]) -> float:
     """Return the next duration: between a good and a bad one where the logarithms meet, else beyond."""
     if good and bad:
         high = min(good)

@@ -82,7 +82,7 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class Judged:
+class CauseLimits:
     """Limits (parameters,) of both causes in an experiment, their units and correlation."""
 
     limits: tuple[np.ndarray, np.ndarray]
@@ -156,7 +156,7 @@ def design_separation(
         cost, point, kind = best
         width = WIDTH
         for _ in range(int(effort * STEPS)):
-            new, moved = tried(kind, kind.stepped(point, width, rng))
+            new, moved = tried(kind, kind.random_step(point, width, rng))
             if new < cost:
                 cost, point, width = new, moved, width * GROW
             else:
@@ -192,7 +192,7 @@ def design_separation(
 
 def discriminate(
     known: Nominal, recording: Recording, first: Candidate, second: Candidate, rate: float
-) -> Judged:
+) -> CauseLimits:
     """Return the limits of both causes, each told from the other, in units of their steps.
 
     Raises `ExperimentError` when the recording does not show one of them, or does not tell them apart.
@@ -213,7 +213,7 @@ def discriminate(
     needed = THRESHOLDS.detectable(len(candidates))
     limits = [needed * _sigma(a, b) for a, b in (scores, scores[::-1])]
     units = [tuple(u.unit for u in c.unknowns(found.unknowns)) for c in pair]
-    return Judged((limits[0], limits[1]), (units[0], units[1]), correlation(*scores))
+    return CauseLimits((limits[0], limits[1]), (units[0], units[1]), correlation(*scores))
 
 
 def _sigma(one: Score, other: Score) -> np.ndarray:

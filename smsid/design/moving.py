@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from smsid.design.forecast import Forecast, once_integrated
+from smsid.design.forecast import Forecast, single_integral
 from smsid.design.goal import Criterion, Goal, goal_of
 from smsid.design.limits import Limits, experiment_use, least
 from smsid.design.minimum_time import Watch
@@ -37,7 +37,7 @@ PASSES = 8
 
 
 @dataclass(frozen=True)
-class Moving:
+class FoundMotion:
     """A motion that was found, as an experiment, with what is predicted of it."""
 
     experiment: Experiment
@@ -54,10 +54,10 @@ def design_motion(
     limits: Limits,
     duration: float,
     rng: np.random.Generator,
-    watch: Watch[Moving],
+    watch: Watch[FoundMotion],
     start: np.ndarray | None = None,
     effort: float = 1.0,
-) -> tuple[Moving, Moving]:
+) -> tuple[FoundMotion, FoundMotion]:
     """Return the best motion of a duration [s] that the search finds, and the first random one.
 
     Random Fourier series first, then steps of random directions from the best, longer after a success and
@@ -77,19 +77,19 @@ def design_motion(
     _, generic = forecast.motion(space.experiment(first))
     goal = goal_of(forecast.parameters, wanted, criterion, generic)
 
-    def look(point: np.ndarray) -> tuple[float, Moving]:
+    def look(point: np.ndarray) -> tuple[float, FoundMotion]:
         experiment = space.experiment(point)
         normal, prediction = forecast.motion(experiment)
         covariance = normal.covariance()
         share = max(limits.share(u) for u in limits.use(model, as_states(model, prediction), False))
         cost = goal.cost(covariance) + STEEP * np.log(max(share, 1.0))
-        return cost, Moving(experiment, goal, covariance, point)
+        return cost, FoundMotion(experiment, goal, covariance, point)
 
-    def tried(point: np.ndarray) -> tuple[float, Moving]:
+    def tried(point: np.ndarray) -> tuple[float, FoundMotion]:
         try:
             cost, made = look(point)
         except SmsidError:
-            return np.inf, Moving(space.experiment(point), goal, np.eye(1), point)
+            return np.inf, FoundMotion(space.experiment(point), goal, np.eye(1), point)
         watch.tried(made, cost, float(np.exp(cost)))
         return cost, made
 
@@ -98,7 +98,7 @@ def design_motion(
     for _ in range(0 if start is not None else max(1, int(effort * DRAWS)) - 1):
         best = min(best, tried(space.random(rng)), key=lambda x: x[0])
     cost, made = best
-    x, width = _normed(made.point, space), WIDTH
+    x, width = _normalise_joints(made.point, space), WIDTH
     for _ in range(int(effort * STEPS)):
         step = width / np.sqrt(2.0 * HARMONICS) * rng.normal(size=x.size)
         new, better = tried(x + step)
@@ -111,8 +111,8 @@ def design_motion(
 
 
 def within_limits(
-    model: SpacecraftModel, made: Moving, limits: Limits
-) -> tuple[Moving, tuple[LimitUse, ...]]:
+    model: SpacecraftModel, made: FoundMotion, limits: Limits
+) -> tuple[FoundMotion, tuple[LimitUse, ...]]:
     """Return a motion shrunk until its simulation keeps all limits, and what it uses of them.
 
     Raises `ExperimentError` naming the limits that next to no motion would keep.
@@ -122,9 +122,9 @@ def within_limits(
     for _ in range(PASSES):
         experiment = space.experiment(made.point, shrink, made.experiment.name)
         uses = experiment_use(model, experiment, limits)
-        broken = limits.broken(uses)
+        broken = limits.violations(uses)
         if not broken:
-            return Moving(experiment, made.goal, made.covariance, made.point, shrink), uses
+            return FoundMotion(experiment, made.goal, made.covariance, made.point, shrink), uses
         if shrink <= LEAST:
             break
         shrink = max(LEAST, shrink * 0.995 / max(limits.share(u) for u in broken))
@@ -146,7 +146,7 @@ def as_states(model: SpacecraftModel, prediction: Prediction) -> States:
     return States(times, q, v, a, np.zeros_like(v), reaction)
 
 
-def _normed(point: np.ndarray, space: SeriesSpace) -> np.ndarray:
+def _normalise_joints(point: np.ndarray, space: SeriesSpace) -> np.ndarray:
     """The point with the coefficients of every joint and wheel of unit length or less."""
     parts = point.reshape(-1, 2 * space.harmonics)
     size = np.linalg.norm(parts, axis=1, keepdims=True)
@@ -243,21 +243,21 @@ class SeriesSpace:
                 advice="Give the arm another `home`.",
             )
         if limits.swing is not None:
-            low, high = (np.minimum(x, limits.usable * limits.swing) for x in (low, high))
+            low, high = (np.minimum(x, limits.usable_share * limits.swing) for x in (low, high))
         speed = own.rate if limits.joint_rate is None else np.minimum(own.rate, limits.joint_rate)
         if not np.isfinite(speed).all():
             name = names[int(np.argmax(~np.isfinite(speed)))]
             raise ExperimentError(
                 f"{name} has no limit of its rate.", advice="State it in the URDF, or give --joint-rate."
             )
-        return low, high, limits.usable * speed
+        return low, high, limits.usable_share * speed
 
     def _wheels(self, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         a, b = parts[:, 0], parts[:, 1]
         series = Fourier(self.periods / self.duration, a, b, np.zeros(len(a)))
         times = np.linspace(0.0, self.duration, LOOKS)
         peak = np.abs(series.sampled(times)).max(axis=0)
-        spin = np.abs(once_integrated(series, times)).max(axis=0) / spin_inertias(self.model)
+        spin = np.abs(single_integral(series, times)).max(axis=0) / spin_inertias(self.model)
         factor = np.full(len(a), np.inf)
         for i, wheel in enumerate(self.model.description.wheel):
             torque = least(wheel.max_torque, self.limits.wheel_torque)
@@ -269,6 +269,6 @@ class SeriesSpace:
                 )
             for limit, value in ((torque, peak[i]), (rate, spin[i])):
                 if limit is not None:
-                    factor[i] = min(factor[i], self.limits.usable * limit / max(value, 1e-12))
+                    factor[i] = min(factor[i], self.limits.usable_share * limit / max(value, 1e-12))
         factor *= np.minimum(1.0, np.linalg.norm(parts.reshape(len(a), -1), axis=1))
         return a * factor[:, None], b * factor[:, None]

@@ -104,7 +104,7 @@ class ThrustSpace:
         information = self.spread.T @ (flat.T @ flat) @ self.spread + self.known
         return inverse(information), jacobian
 
-    def pulled(self, jacobian: np.ndarray, weight: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    def cost_gradient(self, jacobian: np.ndarray, weight: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """Return the gradient (intervals, axes) of a cost with derivative ``weight`` by the covariance.
 
         ``jacobian`` (samples, readings, n) as `jacobian` returns it.
@@ -118,7 +118,7 @@ class ThrustSpace:
             out[:, a] = -2.0 * lagged[: self.intervals * self.stride : self.stride]
         return out
 
-    def restricted(self, chosen: Sequence[int]) -> ThrustSpace:
+    def restrict_axes(self, chosen: Sequence[int]) -> ThrustSpace:
         """Return the space of thrusts on some of its axes only, numbered within it."""
         index = list(chosen)
         bounds = tuple(replace(b, response=b.response[..., index]) for b in self.bounds)
@@ -204,19 +204,21 @@ def _responses(model: SpacecraftModel, limits: Limits, q: np.ndarray) -> list[Bo
     """Bounded responses to one pulse, from coordinates q (times, nq) less home."""
     found = []
     if limits.stroke is not None:
-        found += [Bound(f"stroke of {s.name}", q[:, s.q], limits.usable * limits.stroke) for s in model.slosh]
+        found += [
+            Bound(f"stroke of {s.name}", q[:, s.q], limits.usable_share * limits.stroke) for s in model.slosh
+        ]
     for joints in model.appendages:
         place = [model.pin.joints[j].idx_q for j in joints.joints]
         delta = q[:, place] * joints.scale
         if limits.tip is not None:
             for shape in tip_shapes(joints.appendage):
                 found.append(
-                    Bound(f"tip of {joints.appendage.name}", delta @ shape, limits.usable * limits.tip)
+                    Bound(f"tip of {joints.appendage.name}", delta @ shape, limits.usable_share * limits.tip)
                 )
         if limits.root_moment is not None:
             moment = delta @ root_moments(joints.appendage)
             name = f"root moment of {joints.appendage.name}"
-            found.append(Bound(name, moment, limits.usable * limits.root_moment))
+            found.append(Bound(name, moment, limits.usable_share * limits.root_moment))
     return found
 
 

@@ -32,7 +32,7 @@ IDLE = 0.25  # share of the largest slope below which an axis has little to do w
 
 
 @dataclass(frozen=True)
-class Thrusting:
+class FoundThrust:
     """A thrust that was found, as an experiment, with what is predicted of it."""
 
     experiment: Experiment
@@ -59,10 +59,10 @@ def design_thrust(
     limits: Limits,
     duration: float,
     rng: np.random.Generator,
-    watch: Watch[Thrusting],
+    watch: Watch[FoundThrust],
     starts: Sequence[np.ndarray] = (),
     axes: str | None = None,
-) -> Thrusting:
+) -> FoundThrust:
     """Return the best thrust of a duration [s] that the search finds; an interrupt leaves it in the watch.
 
     ``starts`` are thrusts (intervals, 3) to begin from beside the paper's and random ones; ``axes``: along
@@ -74,14 +74,14 @@ def design_thrust(
     space = thrust_space(Forecast.of(model, duration), allowed, intervals_of(duration), limits, force)
     goal = goal_of(space.forecast.parameters, wanted, criterion, None)
     if axes is None:
-        space = space.restricted(_axes(space, goal, rng))
+        space = space.restrict_axes(_axes(space, goal, rng))
     feasible = Feasible(space)
 
     def tell(found: Pulses) -> None:
         whole = np.zeros((space.intervals, 3))
         whole[:, list(space.axes)] = np.round(found.thrust, DIGITS)
         covariance, _ = space.covariance(whole[:, list(space.axes)])
-        made = Thrusting(thrust_steps(whole, duration), goal, covariance, whole)
+        made = FoundThrust(thrust_steps(whole, duration), goal, covariance, whole)
         watch.tried(made, goal.cost(covariance), float(goal.relative(covariance).max()))
 
     begin = [s[:, list(space.axes)] for s in starts if len(s) == space.intervals]
@@ -105,7 +105,7 @@ def largest_thrust(model: SpacecraftModel, limits: Limits) -> float:
             f"'{model.description.name}' states no limit of its thrust.",
             advice="Give `max_force` in [thrust] of the description, or --force.",
         )
-    return limits.usable * min(known)
+    return limits.usable_share * min(known)
 
 
 def thrust_steps(thrust: np.ndarray, duration: float, name: str = "design") -> Experiment:
@@ -131,7 +131,7 @@ def axes_of(thrust: np.ndarray) -> str:
     return "".join(a for a, size in zip("xyz", used, strict=True) if size) or "x"
 
 
-def paper_thrust(model: SpacecraftModel, made: Thrusting, limits: Limits) -> Experiment:
+def paper_thrust(model: SpacecraftModel, made: FoundThrust, limits: Limits) -> Experiment:
     """Return the paper's thrust (48) on the same axes, of the same duration, as strong as limits allow."""
     axes = axes_of(made.thrust)
     duration = made.experiment.duration
@@ -147,11 +147,11 @@ def limit_share(uses: Sequence[LimitUse], limits: Limits) -> float:
     return max(limits.share(u) for u in uses if not u.quantity.startswith(("angle of", "swing of")))
 
 
-def scale_thrust(made: Thrusting, factor: float) -> Thrusting:
+def scale_thrust(made: FoundThrust, factor: float) -> FoundThrust:
     """Return the thrust times a factor; its covariance is left as it was."""
     thrust = np.round(made.thrust * factor, DIGITS)
     experiment = thrust_steps(thrust, made.experiment.duration, made.experiment.name)
-    return Thrusting(experiment, made.goal, made.covariance, thrust)
+    return FoundThrust(experiment, made.goal, made.covariance, thrust)
 
 
 def _bang_bang(space: ThrustSpace) -> np.ndarray:
@@ -168,7 +168,7 @@ def _axes(space: ThrustSpace, goal: Goal, rng: np.random.Generator) -> list[int]
         covariance, jacobian = space.covariance(random_start(space, rng))
         for i in range(len(goal.names)):
             _, weight = goal.only(i).cost_and_weight(covariance)
-            slope = np.abs(space.pulled(jacobian, weight, covariance)).max(axis=0)
+            slope = np.abs(space.cost_gradient(jacobian, weight, covariance)).max(axis=0)
             shares[i] += slope / max(slope.max(), 1e-300) / LOOKS
     used = (shares > IDLE).any(axis=0)
     if not used.any():
@@ -290,7 +290,7 @@ def best_pulses(
     for _ in range(ROUNDS):
         covariance, jacobian = space.covariance(now.thrust)
         _, weight = goal.cost_and_weight(covariance)
-        target = feasible.least(space.pulled(jacobian, weight, covariance))
+        target = feasible.least(space.cost_gradient(jacobian, weight, covariance))
         better = None
         for fraction in FRACTIONS:
             tried = now.thrust + fraction * (target - now.thrust)

@@ -38,7 +38,7 @@ class Trials(ABC):
     def experiment(self, point: np.ndarray, shrink: float = 1.0) -> Experiment:
         """Return the experiment of a point (size,), all of it times ``shrink``."""
 
-    def stepped(self, point: np.ndarray, width: float, rng: np.random.Generator) -> np.ndarray:
+    def random_step(self, point: np.ndarray, width: float, rng: np.random.Generator) -> np.ndarray:
         """Return a point (size,) a random step away: ``width`` in the root mean square of its numbers."""
         return point + width * float(np.sqrt(np.mean(point**2))) * rng.normal(size=point.shape)
 
@@ -63,7 +63,7 @@ class Trials(ABC):
             times = np.linspace(0.0, self.duration, int(8 * self.duration) + 1)
             states = flight.trajectory.states(times)
             uses = self.limits.use(self.model, states, experiment.hold_attitude)
-            broken = self.limits.broken(uses)
+            broken = self.limits.violations(uses)
             if not broken:
                 return experiment, flight.recording, uses
             shrink *= 0.995 / max(self.limits.share(u) for u in broken)

@@ -33,7 +33,7 @@ from smsid.effects.sensor_errors import (
     SensorDelay,
     SensorMisalignment,
     SensorScale,
-    Stuck,
+    StuckChannel,
     TimeOffset,
 )
 from smsid.effects.slosh import Slosh, SloshNonlinearity, SloshPendulum, SloshWall
@@ -85,7 +85,7 @@ __all__ = [
     "SloshPendulum",
     "SloshWall",
     "Starting",
-    "Stuck",
+    "StuckChannel",
     "TankFill",
     "ThermalSnap",
     "ThrusterGain",

@@ -52,7 +52,7 @@ class ActuatorEffect(Starting):
             )
         assembly.joint_id(target)
 
-    def _changed(
+    def _change_signal(
         self, inputs: Inputs, model: SpacecraftModel, change: Callable[[Signal, np.ndarray], Signal]
     ) -> Inputs:
         """Return inputs with ``change(signal, own)`` made of the actuator's signal, from the onset on.
@@ -70,10 +70,10 @@ class ActuatorEffect(Starting):
             after = Switched(signal, after, self.start)
         return replace(inputs, **{field: after})
 
-    def _mapped(self, inputs: Inputs, model: SpacecraftModel, matrix: np.ndarray) -> Inputs:
+    def _map_wrench(self, inputs: Inputs, model: SpacecraftModel, matrix: np.ndarray) -> Inputs:
         """Return inputs with the actuator's force (3,) in bus axes, or torque (1,), mapped by a matrix."""
         more = matrix - np.eye(len(matrix))
-        return self._changed(
+        return self._change_signal(
             inputs, model, lambda signal, own: signal.mapped(np.eye(signal.size) + own.T @ more @ own)
         )
 
@@ -153,7 +153,7 @@ class ThrusterGain(ThrustEffect):
 
     def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
         """Scale the force."""
-        return self._mapped(inputs, model, np.diag(1.0 + np.broadcast_to(np.asarray(self.gain), 3)))
+        return self._map_wrench(inputs, model, np.diag(1.0 + np.broadcast_to(np.asarray(self.gain), 3)))
 
 
 @register
@@ -178,7 +178,7 @@ class ThrusterMisalignment(ThrustEffect):
 
     def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
         """Turn the force."""
-        return self._mapped(inputs, model, Rotation.from_rotvec(self.angles).as_matrix())
+        return self._map_wrench(inputs, model, Rotation.from_rotvec(self.angles).as_matrix())
 
 
 @register
@@ -204,7 +204,7 @@ class TorqueGain(ActuatorEffect):
 
     def drive(self, inputs: Inputs, model: SpacecraftModel) -> Inputs:
         """Scale the torque."""
-        return self._mapped(inputs, model, np.array([[1.0 + self.error]]))
+        return self._map_wrench(inputs, model, np.array([[1.0 + self.error]]))
 
 
 @register
@@ -240,4 +240,4 @@ class ActuatorDelay(ActuatorEffect):
             late = Delayed.of(signal.mapped(part), self.delay)
             return Sum((signal.mapped(np.eye(signal.size) - part), late))
 
-        return self._changed(inputs, model, change)
+        return self._change_signal(inputs, model, change)

@@ -428,7 +428,7 @@ def _prefixes(key: str) -> set[str]:
 
 
 @cache
-def _declared(cls: type[Table]) -> tuple[tuple[str, Mapping[str, Any] | None], ...]:
+def _physical_fields(cls: type[Table]) -> tuple[tuple[str, Mapping[str, Any] | None], ...]:
     """Return the fields of a table that are physical, with their declarations, and others (``None``)."""
     extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
     return tuple((n, x if isinstance(x, dict) and "unit" in x else None) for n, x in extras.items())
@@ -436,7 +436,7 @@ def _declared(cls: type[Table]) -> tuple[tuple[str, Mapping[str, Any] | None], .
 
 def _numbers(table: Table) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
     """Yield name, value and declaration of the physical parameters of a table and of those in it."""
-    for entry, extra in _declared(type(table)):
+    for entry, extra in _physical_fields(type(table)):
         value = getattr(table, entry)
         if extra is not None and isinstance(value, tuple):
             for axis, number in zip(AXES[len(value)], value, strict=True):

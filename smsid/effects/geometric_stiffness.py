@@ -28,7 +28,7 @@ from smsid.effects.appendage_effect import BeamEffect
 from smsid.effects.assembly import AppendageJoints, Assembly
 from smsid.effects.base import physical, register
 from smsid.effects.mode import Cantilever
-from smsid.effects.spatial import Motion
+from smsid.effects.spatial import FrameMotion
 
 
 @register
@@ -82,7 +82,7 @@ class Foreshortening:
         self.v = np.array([model.joints[j].idx_v for j in panel.joints])
         self.rows = 6 + np.arange(len(panel.joints))
         self.scale = panel.scale
-        self.motion = Motion(model, panel.parent)
+        self.motion = FrameMotion(model, panel.parent)
         self.to_root = panel.placement.toActionMatrixInverse()
         # on a bus without weight, it matters neither where that is nor what the arm does
         alone = self.motion.root and self.motion.still

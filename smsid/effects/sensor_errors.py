@@ -253,7 +253,7 @@ class Outliers(ComponentEffect):
 
 
 @register
-class Stuck(ComponentEffect):
+class StuckChannel(ComponentEffect):
     """A channel that repeats its last value from ``start`` on; it never sticks when that is not given."""
 
     summary = "channel that repeats its last value from some time on"

@@ -20,7 +20,7 @@ def spatial_inertia(theta: np.ndarray) -> np.ndarray:
     return out
 
 
-class Motion:
+class FrameMotion:
     """The motion of a joint's body along generalised coordinates; scratch space of its own, made when needed.
 
     The body's spatial velocity (linear, angular at the joint's origin, in the joint's axes) is ``J v``.
@@ -88,7 +88,7 @@ class ExtraInertia:
     def __init__(
         self, model: pin.Model, joint: int, parameters: Callable[[float], np.ndarray | None]
     ) -> None:
-        self.motion, self.joint, self.parameters = Motion(model, joint), joint, parameters
+        self.motion, self.joint, self.parameters = FrameMotion(model, joint), joint, parameters
         self._alone: tuple[pin.Model, pin.Data] | None = None
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -153,7 +153,7 @@ class Rotor:
     def __init__(
         self, model: pin.Model, joint: int, inertia: float, carried: float, *, gear: int | None, in_link: bool
     ) -> None:
-        self.motion, self.link = Motion(model, joint), model.joints[joint].idx_v
+        self.motion, self.link = FrameMotion(model, joint), model.joints[joint].idx_v
         self.inertia, self.carried, self.gear, self.in_link = inertia, carried, gear, in_link
         if not turns(model, joint):
             raise DescriptionError(

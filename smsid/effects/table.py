@@ -26,7 +26,7 @@ class Table(BaseModel):
             {"type": error, "loc": (key, *path), "input": value}
             for key in numeric_keys(cls)
             if key in data
-            for path, value in _disguised(data[key])
+            for path, value in _find_wrong_types(data[key])
         ]
         if wrong:
             raise ValidationError.from_exception_data(cls.__name__, wrong)
@@ -56,11 +56,11 @@ def _leaves(annotation: Any) -> Iterator[Any]:
         yield from _leaves(inner)
 
 
-def _disguised(value: Any) -> Iterator[tuple[tuple[int | str, ...], Any]]:
+def _find_wrong_types(value: Any) -> Iterator[tuple[tuple[int | str, ...], Any]]:
     """Yield the place and value of every string and truth value within."""
     if isinstance(value, bool | str):
         yield (), value
     elif isinstance(value, Mapping | list | tuple):
         for key, item in value.items() if isinstance(value, Mapping) else enumerate(value):
-            for path, found in _disguised(item):
+            for path, found in _find_wrong_types(item):
                 yield (key, *path), found

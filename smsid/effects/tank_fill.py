@@ -133,10 +133,12 @@ class TankFill(TankEffect):
             assembly.add_load_force(net, ((), ()), first=True)
         for body, at, sloshes in ((joint, np.zeros(3), True), (carrier, seat, False)):
             if body:
-                assembly.add_inertia_term(_Spent(self, assembly.model, body, at, turned, tank.mass, sloshes))
+                assembly.add_inertia_term(
+                    _SpentPropellant(self, assembly.model, body, at, turned, tank.mass, sloshes)
+                )
 
 
-class _Spent:
+class _SpentPropellant:
     """What is no longer there: of the slosh mass, or of the rest, which moves with the body."""
 
     def __init__(

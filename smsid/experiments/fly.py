@@ -76,10 +76,10 @@ def fly(
     inputs = experiment.inputs()
     how: dict[str, Any] = {"q0": experiment.start(model), "tolerance": tolerance, "progress": progress}
     trajectory = simulate(model, inputs, experiment.duration + clock_lead(model), **how)
-    return recorded(trajectory, experiment, rng, role=role, hold_attitude=inputs.hold_attitude)
+    return record_motion(trajectory, experiment, rng, role=role, hold_attitude=inputs.hold_attitude)
 
 
-def recorded(
+def record_motion(
     trajectory: Trajectory,
     experiment: Experiment,
     rng: np.random.Generator,

@@ -42,7 +42,7 @@ def named_experiment(name: str, model: SpacecraftModel) -> Experiment:
         return _thrust(match[1], model)
     if name in ("exp2", "exp2val"):
         rng = np.random.default_rng(EXCITATION_SEED + (name == "exp2val"))
-        return remembered(model, name, lambda: fourier_experiment(model, rng, name=name).experiment)
+        return load_or_search(model, name, lambda: fourier_experiment(model, rng, name=name).experiment)
     path = Path(name)
     if path.suffix == ".toml" or path.exists():
         return load_experiment(path)
@@ -57,7 +57,7 @@ def _thrust(axes: str, model: SpacecraftModel) -> Experiment:
     return thrust_experiment(axes, force=strength.value, limited_by=strength.by)
 
 
-def remembered(model: SpacecraftModel, name: str, search: Callable[[], Experiment]) -> Experiment:
+def load_or_search(model: SpacecraftModel, name: str, search: Callable[[], Experiment]) -> Experiment:
     """Return the experiment that an earlier search found for this very spacecraft, or search and keep it.
 
     What is kept is found by a digest of the model, its description, and the text of the code that searches:

@@ -16,7 +16,7 @@ from smsid._reading import read_toml
 from smsid._short_repr import Told
 from smsid.errors import ExperimentError
 from smsid.inputs.inputs import Inputs, JointMotion
-from smsid.inputs.signals import Constant, Fourier, Signal, Steps
+from smsid.inputs.signals import Constant, Fourier, PiecewiseConstant, Signal
 from smsid.model.spacecraft import SpacecraftModel
 
 
@@ -43,7 +43,7 @@ class StepProfile(_Table):
 
     def signal(self) -> Signal:
         """Return the signal."""
-        return Steps(self.times, _table(self.values))
+        return PiecewiseConstant(self.times, _table(self.values))
 
 
 class FourierProfile(_Table):

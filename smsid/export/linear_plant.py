@@ -113,7 +113,7 @@ def linear_plant(
         return _linearised(build_model(smooth), description.name, notes)
     plant = _linearised(identified_model(smooth, estimate).model, description.name, notes)
     found = []
-    for values in _drawn(estimate, draws, rng or np.random.default_rng(0)):
+    for values in _draw_parameters(estimate, draws, rng or np.random.default_rng(0)):
         parameters = tuple(
             replace(p, value=float(x)) for p, x in zip(estimate.parameters, values, strict=True)
         )
@@ -170,7 +170,7 @@ def _smooth(description: Description) -> tuple[Description, list[str]]:
     return (description.with_effects(*changed) if changed else description), notes
 
 
-def _drawn(estimate: Estimate, count: int, rng: np.random.Generator) -> np.ndarray:
+def _draw_parameters(estimate: Estimate, count: int, rng: np.random.Generator) -> np.ndarray:
     """Return draws (count, n) of the parameters, Gaussian; one without a standard deviation stays."""
     sigma = np.where(np.isfinite(estimate.sigmas), estimate.sigmas, 0.0)
     covariance = np.diag(sigma**2) if estimate.covariance is None else np.array(estimate.covariance)

@@ -145,7 +145,7 @@ def _full_thrusts(model: SpacecraftModel) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Prescribed:
+class PrescribedMotion:
     """The degrees of freedom that follow a given motion: indices in v, and their motion over time."""
 
     index: np.ndarray
@@ -155,7 +155,7 @@ class Prescribed:
     home: np.ndarray = field(repr=False)
 
     @classmethod
-    def of(cls, model: SpacecraftModel, inputs: Inputs) -> Prescribed:
+    def of(cls, model: SpacecraftModel, inputs: Inputs) -> PrescribedMotion:
         """Return what the inputs prescribe; what is said of joints that follow another does not count."""
         index: list[int] = []
         if inputs.hold_attitude:

@@ -64,7 +64,7 @@ class Constant:
 
 @short_repr
 @dataclass(frozen=True)
-class Steps:
+class PiecewiseConstant:
     """Piecewise constant: ``values[i]`` (size,) from ``times[i]`` on; zero before the first."""
 
     times: tuple[float, ...]
@@ -98,9 +98,9 @@ class Steps:
         i = np.searchsorted(self.times, _with_rounding(times), side="right")
         return np.vstack([np.zeros(self.size), self.values])[i]
 
-    def mapped(self, matrix: np.ndarray) -> Steps:
+    def mapped(self, matrix: np.ndarray) -> PiecewiseConstant:
         """Return ``matrix @ self``, matrix (m, size)."""
-        return Steps(self.times, self.values @ matrix.T)
+        return PiecewiseConstant(self.times, self.values @ matrix.T)
 
 
 @short_repr
@@ -282,7 +282,9 @@ def is_held(signal: Signal) -> bool:
     """Return whether a signal is constant between its breakpoints."""
     if isinstance(signal, Sum):
         return all(map(is_held, signal.parts))
-    return isinstance(signal, Constant | Steps) or (isinstance(signal, Sampled) and signal.degree == 0)
+    return isinstance(signal, Constant | PiecewiseConstant) or (
+        isinstance(signal, Sampled) and signal.degree == 0
+    )
 
 
 def merge(signals: list[Signal]) -> Signal:

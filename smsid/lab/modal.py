@@ -168,9 +168,9 @@ def ambient_modes(
     generator = rng or np.random.default_rng(0)
     found = []
     for alike in (False, True):
-        prepared = _prepared(y, rate, factor, alike=alike)
+        prepared = _prepare_pieces(y, rate, factor, alike=alike)
         sizes = np.sqrt(np.mean(np.concatenate(prepared[1]) ** 2, axis=0))
-        found.append(_identified(prepared, rate, highest_frequency, replicates, generator))
+        found.append(_identify_modes(prepared, rate, highest_frequency, replicates, generator))
         sizes = sizes[sizes > 0.0]
         if not sizes.size or sizes.max() <= UNEVEN * sizes.min():
             break
@@ -180,14 +180,14 @@ def ambient_modes(
 Prepared = tuple[list[np.ndarray], list[np.ndarray], float, np.ndarray]
 
 
-def _identified(
+def _identify_modes(
     prepared: Prepared,
     rate: float,
     highest_frequency: float,
     replicates: int,
     generator: np.random.Generator,
 ) -> AmbientModes:
-    """Return the modes of outputs that `_prepared` has made; arguments as of `ambient_modes`."""
+    """Return the modes of outputs that `_prepare_pieces` has made; arguments as of `ambient_modes`."""
     pieces, slow, slow_rate, scale = prepared
     x = max(pieces, key=len)
     # correlations of a machine's harmonic never die away
@@ -255,7 +255,7 @@ def _identified(
     )
 
 
-def _prepared(y: np.ndarray, rate: float, factor: int, *, alike: bool) -> Prepared:
+def _prepare_pieces(y: np.ndarray, rate: float, factor: int, *, alike: bool) -> Prepared:
     """Return the pieces of y between gaps, without their straight lines and scaled; the same, decimated.
 
     ``alike`` gives every output unit variance, else the largest.

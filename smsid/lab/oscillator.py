@@ -62,7 +62,7 @@ class Oscillator:
     def simulate(self, drive: np.ndarray, rate: float) -> np.ndarray:
         """Return the output (N,) for a band-limited drive (N,) at a rate [Hz], from rest. Free-running."""
         column = np.array([[getattr(self, f)] for f in FIELDS])
-        return _run(column, np.zeros((2, 1)), _refined(drive)[None], rate)[:, 0] + self.offset
+        return _run(column, np.zeros((2, 1)), _interpolate_drive(drive)[None], rate)[:, 0] + self.offset
 
 
 @short_repr
@@ -217,7 +217,7 @@ class _Pieces:
                 f"{u.size} samples in {pieces} pieces are too short: a piece takes {LEAST}.",
                 advice="Use fewer pieces or a longer record.",
             )
-        fine, per = _refined(u), 2 * SUBSTEPS
+        fine, per = _interpolate_drive(u), 2 * SUBSTEPS
         starts = range(0, pieces * length, length)
         drives = np.array([fine[per * b : per * (b + length)] for b in starts])
         # a term counts by what it does at the peaks
@@ -255,7 +255,7 @@ class _Pieces:
         return residual, np.stack(columns, axis=1)
 
 
-def _refined(drive: np.ndarray) -> np.ndarray:
+def _interpolate_drive(drive: np.ndarray) -> np.ndarray:
     """Band-limited interpolation of a drive (N,) to the points the integrator asks for."""
     per = 2 * SUBSTEPS
     padded = np.concatenate([np.full(EDGE, drive[0]), drive, np.full(EDGE, drive[-1])])

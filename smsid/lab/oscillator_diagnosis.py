@@ -109,7 +109,7 @@ def diagnose_oscillator(
         )
         fits[terms] = fit
     searched = time.process_time()
-    left, count = _left(residual, rows, terms, drive, output, cut)
+    left, count = _significant_tests(residual, rows, terms, drive, output, cut)
     named = tuple(_cause(fit, t, evidence[t], name, unit, tried) for t in terms)
     words = "; ".join(describe(c) for c in named)
     if left:
@@ -155,7 +155,7 @@ def _score(fitted: Projection, columns: np.ndarray, residual: np.ndarray) -> _Te
     return _Test(ratio, p, float(np.sqrt(level)) / size, basis.shape[1])
 
 
-def _left(
+def _significant_tests(
     residual: np.ndarray,
     rows: dict[str, np.ndarray],
     terms: Sequence[str],

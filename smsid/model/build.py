@@ -51,7 +51,7 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
     mounted: dict[str, tuple[str, ...]] = {}
     for arm in d.arm:
         if arm.mounted:
-            with _placed("arm", arm.name):
+            with _name_table("arm", arm.name):
                 loaded, names = mount_arm(loaded, arm, d)
             mounted[arm.name] = tuple(names)
     model = _assembled(
@@ -91,7 +91,7 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
         if arm.mounted and arm.inertias == "trusted":
             trusted |= set(source.mounted[arm.name])
     if source.wheeled is None:
-        source = _wheeled(d, source, frozenset(trusted))
+        source = _add_wheels(d, source, frozenset(trusted))
     assembly = _with_effects(d, _copied(d, source), frozenset(trusted))
     if not is_depth_first(assembly.model):
         room = with_room_for(_copied(d, source), assembly.model)
@@ -142,12 +142,12 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
     )
 
 
-def _wheeled(d: Description, source: Source, trusted: frozenset[str]) -> Source:
+def _add_wheels(d: Description, source: Source, trusted: frozenset[str]) -> Source:
     """Return what is loaded with the wheels of the description on it."""
     assembly = Assembly(source.pin.copy(), base=1 if d.root == "free" else 0, trusted=trusted)
     joints = []
     for wheel in d.wheel:
-        with _placed("wheel", wheel.name):
+        with _name_table("wheel", wheel.name):
             joints.append(_add_wheel(assembly, wheel))
     names = tuple(assembly.model.names[j] for j in joints)
     return replace(source, wheeled=assembly.model, wheels=names)
@@ -169,13 +169,13 @@ def _with_effects(d: Description, model: pin.Model, trusted: frozenset[str]) -> 
         described=[i.toDynamicParameters() for i in model.inertias],
     )
     for effect in d.effect:
-        with _placed("effect", effect.name):
+        with _name_table("effect", effect.name):
             assembly.attach(effect)
     return assembly
 
 
 @contextmanager
-def _placed(table: str, name: str) -> Iterator[None]:
+def _name_table(table: str, name: str) -> Iterator[None]:
     """Put the table of the TOML in front of what a `DescriptionError` says."""
     try:
         yield
@@ -236,7 +236,7 @@ def _arms(assembly: Assembly, d: Description, source: Source) -> dict[str, Joint
             names = (
                 arm.joints if arm.joints is not None else [n for n in source.own_joints if n not in wheels]
             )
-        with _placed("arm", arm.name):
+        with _name_table("arm", arm.name):
             group = JointGroup.of(assembly.model, [assembly.joint_id(n) for n in names])
         if len(group):
             arms[arm.name] = group
@@ -309,7 +309,7 @@ def _check_followers(followers: Followers | None, arm_joints: JointGroup) -> Non
 
 def _with_followers(model: pin.Model, d: Description, followers: Followers, q: np.ndarray) -> np.ndarray:
     """Return q (nq,) with followers where their leaders put them; raise if a home says something else."""
-    placed = followers.placed(model, q)
+    placed = followers.place_followers(model, q)
     group = JointGroup.of(model, followers.joints.tolist())
     found, given = group_angles(model, group, placed), group_angles(model, group, q)
     stated = {f"{a.name}/{n}" if a.mounted else n for a in d.arm for n in a.home}

@@ -51,7 +51,7 @@ class Followers:
         offset = np.array([m.offset for m in mimics.values()])
         return cls(tuple(mimics), leaders, joints, leading, v, leading_v, ratio, offset, rows)
 
-    def placed(self, model: pin.Model, q: np.ndarray) -> np.ndarray:
+    def place_followers(self, model: pin.Model, q: np.ndarray) -> np.ndarray:
         """Return a copy of q (nq,) with every follower where its leader puts it."""
         q = np.array(q, dtype=float)
         for j, k, ratio, offset in zip(self.joints, self.leading, self.ratio, self.offset, strict=True):

@@ -34,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass
-class Loaded:
+class LoadedModel:
     """A Pinocchio model with its visuals, if asked for; joint 0 is the universe.
 
     ``losses``: viscous [N m s/rad | N s/m] and Coulomb friction [N m | N] of the URDFs' ``<dynamics>``, by
@@ -58,12 +58,12 @@ def urdf_of(d: Description, arm: Arm | None = None) -> tuple[Path, list[Path]]:
     return path, [path.parent, d.folder, *(d.folder / p for p in d.package_dirs)]
 
 
-def load_bus(d: Description, visuals: bool) -> Loaded:
+def load_bus(d: Description, visuals: bool) -> LoadedModel:
     """Return the spacecraft's own URDF, on a free-flyer if its root is free."""
     return _load(d, None, pin.JointModelFreeFlyer() if d.root == "free" else None, visuals)
 
 
-def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]:
+def mount_arm(bus: LoadedModel, arm: Arm, d: Description) -> tuple[LoadedModel, list[str]]:
     """Return the model with an arm's URDF mounted, and the names of the arm's joints.
 
     Every joint and frame of the arm gets the prefix ``<arm>/``; its root link becomes part of the body it is
@@ -90,14 +90,16 @@ def mount_arm(bus: Loaded, arm: Arm, d: Description) -> tuple[Loaded, list[str]]
         frame = bus.model.getFrameId(bus.model.names[1], pin.JOINT) if d.root == "free" else 0
     placement = pin.SE3(pin.rpy.rpyToMatrix(*arm.mount.rpy), np.asarray(arm.mount.xyz))
     if bus.visual is None or child.visual is None:
-        return Loaded(pin.appendModel(bus.model, child.model, frame, placement), None, losses, mimics), names
+        return LoadedModel(
+            pin.appendModel(bus.model, child.model, frame, placement), None, losses, mimics
+        ), names
     for geometry in child.visual.geometryObjects:
         geometry.name = f"{arm.name}/{geometry.name}"
     model, visual = pin.appendModel(bus.model, child.model, bus.visual, child.visual, frame, placement)
-    return Loaded(model, visual, losses, mimics), names
+    return LoadedModel(model, visual, losses, mimics), names
 
 
-def _with_fixed(child: Loaded, arm: Arm) -> Loaded:
+def _with_fixed(child: LoadedModel, arm: Arm) -> LoadedModel:
     """Return an arm's model with its ``fixed`` joints welded at home."""
     model = child.model
     q = pin.neutral(model)
@@ -113,10 +115,10 @@ def _with_fixed(child: Loaded, arm: Arm) -> Loaded:
         q = set_group_angles(model, one, q, np.array([arm.home.get(name, 0.0)]))
     led = {n: m for n, m in child.mimics.items() if m.joint in arm.fixed and n not in arm.home}
     following = Followers.of(model, led)
-    return _welded(child, arm.fixed, q if following is None else following.placed(model, q))
+    return _weld_joints(child, arm.fixed, q if following is None else following.place_followers(model, q))
 
 
-def _welded(loaded: Loaded, names: Sequence[str], q: np.ndarray) -> Loaded:
+def _weld_joints(loaded: LoadedModel, names: Sequence[str], q: np.ndarray) -> LoadedModel:
     """Return a model with joints welded at the configuration q (nq,), those that follow them with them."""
     if not names:
         return loaded
@@ -125,17 +127,17 @@ def _welded(loaded: Loaded, names: Sequence[str], q: np.ndarray) -> Loaded:
     if led:
         following = Followers.of(loaded.model, led)
         assert following is not None
-        q, names = following.placed(loaded.model, q), [*names, *led]
+        q, names = following.place_followers(loaded.model, q), [*names, *led]
     joints = [loaded.model.getJointId(name) for name in names]
     losses = {n: x for n, x in loaded.losses.items() if n not in names}
     mimics = {n: m for n, m in mimics.items() if n not in led}
     if loaded.visual is None:
-        return Loaded(pin.buildReducedModel(loaded.model, joints, q), None, losses, mimics)
+        return LoadedModel(pin.buildReducedModel(loaded.model, joints, q), None, losses, mimics)
     reduced, visual = pin.buildReducedModel(loaded.model, loaded.visual, joints, q)
-    return Loaded(reduced, visual, losses, mimics)
+    return LoadedModel(reduced, visual, losses, mimics)
 
 
-def _load(d: Description, arm: Arm | None, root: pin.JointModel | None, visuals: bool) -> Loaded:
+def _load(d: Description, arm: Arm | None, root: pin.JointModel | None, visuals: bool) -> LoadedModel:
     """Return the spacecraft's own URDF, or that of a mounted arm, with its ``fixed`` joints welded."""
     path, folders = urdf_of(d, arm)
     where, source, keep = "the TOML (before its tables)", d, texts_of(d)
@@ -180,7 +182,7 @@ def _load(d: Description, arm: Arm | None, root: pin.JointModel | None, visuals:
             advice="What urdfdom printed above says where.",
             path=str(path),
         ) from error
-    check_built(model, reading, free=root is not None)
+    check_against_urdf(model, reading, free=root is not None)
     losses = {
         j.name: (j.damping, j.friction)
         for j in reading.joints.values()
@@ -203,7 +205,7 @@ def _load(d: Description, arm: Arm | None, root: pin.JointModel | None, visuals:
             raise DescriptionError(
                 f"The visuals of '{path}' cannot be loaded: {error}.", advice="Check `package_dirs`."
             ) from error
-    loaded = _welded(Loaded(model, visual, losses, mimics), empty, rest)
+    loaded = _weld_joints(LoadedModel(model, visual, losses, mimics), empty, rest)
     for fixing in own:
         loaded = _with_fixed(loaded, fixing) if fixing.fixed else loaded
     return loaded
@@ -258,7 +260,7 @@ CLOSE = 1e-9
 DOF = {"revolute": 1, "continuous": 1, "prismatic": 1, "planar": 3, "floating": 6}
 
 
-def check_built(model: pin.Model, reading: UrdfReading, *, free: bool) -> None:
+def check_against_urdf(model: pin.Model, reading: UrdfReading, *, free: bool) -> None:
     """Compare every link's inertia and every joint's frame, axis and limits with the file.
 
     ``model`` is what was built of the URDF alone, on a free joint if ``free``.

@@ -10,7 +10,7 @@ import numpy as np
 from smsid.control.closed_loop import left_out, sensor_noise, track_many
 from smsid.control.gains import Gains, gains
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import Draw, ReducedDynamics, perturbed
+from smsid.control.reduced import Draw, ReducedDynamics, perturb_bodies
 from smsid.control.robust_term import RobustTerm, design_robust_term
 from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, trapezoid
 from smsid.control.weights import weights_from_level
@@ -34,7 +34,7 @@ radians the printed joint errors times K_P would be 22 to 28 times the wanted ac
 
 
 @dataclass(frozen=True)
-class Case:
+class Table4Row:
     """One row of the table: gains, uncertainty level, and e_b, e_i by controller as the paper prints them.
 
     The print has no unit: read in degrees the numbers fit the described experiment, see `PRINTED_UNIT`.
@@ -48,18 +48,20 @@ class Case:
     paper: Mapping[str, tuple[float, float]]
 
 
-def cases(identified: float = IDENTIFIED_LEVEL) -> tuple[Case, ...]:
+def cases(identified: float = IDENTIFIED_LEVEL) -> tuple[Table4Row, ...]:
     """Return (D), (C), (B), (A) in both readings, and (A) tuned to two real natural frequencies."""
     a = {"pd": (1.41e-3, 4.2e-2), "hinf": (3.2e-5, 1.58e-3)}
     first, third = 0.41, 5.03  # [rad/s]: bending with the base free to turn; the 0.801 Hz the paper means
     return (
-        Case("D", 4.0, 4.0, identified, "identified", {"pd": (1.70e-4, 5.60e-3), "hinf": (2.75e-5, 1.23e-3)}),
-        Case("C", 4.0, 4.0, 0.05, "5 %", {"pd": (1.78e-4, 5.87e-3), "hinf": (2.85e-5, 1.28e-3)}),
-        Case("B", 4.0, 4.0, 0.20, "20 %", {"pd": (1.94e-4, 7.10e-3), "hinf": (2.90e-5, 1.45e-3)}),
-        Case("A1.6", 0.64, 1.6, 0.20, "20 %, K_D of the text", a),
-        Case("A1.0", 0.64, 1.0, 0.20, "20 %, K_D of the table", a),
-        Case("A-first", first**2, first, 0.20, "20 %, tuned to the first coupled bending mode", {}),
-        Case("A-third", third**2, third, 0.20, "20 %, tuned to the third bending mode", {}),
+        Table4Row(
+            "D", 4.0, 4.0, identified, "identified", {"pd": (1.70e-4, 5.60e-3), "hinf": (2.75e-5, 1.23e-3)}
+        ),
+        Table4Row("C", 4.0, 4.0, 0.05, "5 %", {"pd": (1.78e-4, 5.87e-3), "hinf": (2.85e-5, 1.28e-3)}),
+        Table4Row("B", 4.0, 4.0, 0.20, "20 %", {"pd": (1.94e-4, 7.10e-3), "hinf": (2.90e-5, 1.45e-3)}),
+        Table4Row("A1.6", 0.64, 1.6, 0.20, "20 %, K_D of the text", a),
+        Table4Row("A1.0", 0.64, 1.0, 0.20, "20 %, K_D of the table", a),
+        Table4Row("A-first", first**2, first, 0.20, "20 %, tuned to the first coupled bending mode", {}),
+        Table4Row("A-third", third**2, third, 0.20, "20 %, tuned to the third bending mode", {}),
     )
 
 
@@ -130,7 +132,7 @@ class Study:
         self._terms: dict[tuple[float, float], RobustTerm] = {}
         self._gains: dict[tuple[float, float], Gains] = {}
 
-    def robust_term(self, case: Case) -> RobustTerm:
+    def robust_term(self, case: Table4Row) -> RobustTerm:
         """Return the H-infinity term for a case's gains, designed for 5 % and for what slosh and panel do."""
         key = case.proportional, case.derivative
         if key not in self._terms:
@@ -151,14 +153,14 @@ class Study:
             )
         return self._terms[key]
 
-    def fly(self, case: Case, controller: str, draw: int) -> Run:
+    def fly(self, case: Table4Row, controller: str, draw: int) -> Run:
         """Fly one draw; draws of the same number share the pattern of errors and the noise in every case.
 
         Raises `ControlError` for an unknown controller.
         """
         return self.fly_many(case, controller, [draw])[0]
 
-    def fly_many(self, case: Case, controller: str, draws: Sequence[int]) -> list[Run]:
+    def fly_many(self, case: Table4Row, controller: str, draws: Sequence[int]) -> list[Run]:
         """Fly several draws: as `fly`, several at a time."""
         quiet = self.variant.noise == 0.0
         runs = track_many(
@@ -174,7 +176,7 @@ class Study:
             for d, r in zip(draws, runs, strict=True)
         ]
 
-    def _law(self, case: Case, controller: str, draw: int) -> ModelBasedController:
+    def _law(self, case: Table4Row, controller: str, draw: int) -> ModelBasedController:
         if controller not in CONTROLLERS:
             raise ControlError(
                 f"There is no controller '{controller}'.", advice=f"Use {' or '.join(CONTROLLERS)}."
@@ -185,7 +187,7 @@ class Study:
             dynamics = chosen.with_inertias(list(chosen.pin.inertias)[1:])
         else:
             pattern = np.random.default_rng([draw, 1])
-            dynamics = perturbed(self.dynamics, case.level, pattern, self.variant.draw)
+            dynamics = perturb_bodies(self.dynamics, case.level, pattern, self.variant.draw)
         key = case.proportional, case.derivative
         if key not in self._gains:
             self._gains[key] = gains(dynamics.size, *key)

@@ -8,7 +8,7 @@ from typing import Any
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Tone
 from smsid.report.numbers import number
-from smsid.report.rows import Mark, Row, RowChart
+from smsid.report.rows import ChartRow, Mark, RowChart
 
 NAMES = {"base": "base attitude e_b", "joints": "joints e_i"}
 TONES: dict[str, Tone] = {"holds": "good", "fails": "bad", "undecided": "neutral"}
@@ -55,7 +55,7 @@ def _chart(rows: list[dict[str, Any]], which: str) -> Figure:
             marks.append(Mark(printed, series=4, shape="square", tip=f"the paper: {number(printed, 3)}"))
             values.append(printed)
         name = f"{row['case']} ({row['note']}), {'PD' if series == 0 else 'H-infinity'}"
-        out.append(Row(name, tuple(marks), number(found["median"], 3)))
+        out.append(ChartRow(name, tuple(marks), number(found["median"], 3)))
     chart = RowChart(
         Axis.over("largest error [rad]", values, log=True),
         tuple(out),

@@ -19,9 +19,9 @@ from smsid.paper.table4 import (
     INTEGRATED_GYRO,
     PRINTED_UNIT,
     PRINTED_UNITS,
-    Case,
     Run,
     Study,
+    Table4Row,
     Variant,
     cases,
 )
@@ -117,7 +117,7 @@ FEWEST = 5
 """Draws below which no ordering is decided."""
 
 
-def summarise(runs: Sequence[Run], wanted: Sequence[Case]) -> list[dict[str, object]]:
+def summarise(runs: Sequence[Run], wanted: Sequence[Table4Row]) -> list[dict[str, object]]:
     """Return a row per case and controller: medians and 95 % intervals of e_b, e_i, the paper's beside.
 
     All in [rad]; the paper's are taken for `PRINTED_UNIT`.
@@ -145,7 +145,7 @@ def summarise(runs: Sequence[Run], wanted: Sequence[Case]) -> list[dict[str, obj
     return rows
 
 
-def printed(case: Case, controller: str) -> dict[str, float]:
+def printed(case: Table4Row, controller: str) -> dict[str, float]:
     """Return the paper's e_b and e_i of a row [rad], read in `PRINTED_UNIT`; nothing where it has none."""
     found = case.paper.get(controller)
     scale = PRINTED_UNITS[PRINTED_UNIT]

@@ -17,7 +17,7 @@ INERTIAL = ("kg m", "kg m^2")
 
 
 @dataclass(frozen=True)
-class Row:
+class PaperRow:
     """A row of the paper's Table 2: parameter, true value, the paper's estimate and error [%]."""
 
     label: str
@@ -28,19 +28,21 @@ class Row:
 
 
 TABLE_2 = (
-    Row("M [kg]", ("total.mass",), 2256.8, "2255.9 (printed 2155.9)", "0.04"),
-    Row("m_s [kg]", ("tank.mass",), 49.6, "49.9", "0.6"),
-    Row("k_s [N/m]", ("tank.stiffness.x", "tank.stiffness.y", "tank.stiffness.z"), 0.41, "0.407", "0.78"),
-    Row("b_s [N s/m]", ("tank.damping.x", "tank.damping.y", "tank.damping.z"), 0.02, "-", ">>"),
-    Row("rho [kg/m] (linear)", ("panel.linear_density",), 16.2, "16.567 (2761.17 kg/m^3)", "2.266"),
-    Row("clamped f1 [Hz]", ("panel.mode1.frequency",), 0.045696, "0.0459", "0.114"),
-    Row("clamped f2 [Hz]", ("panel.mode2.frequency",), 0.286370, "0.287", "0.354"),
-    Row("clamped f3 [Hz]", ("panel.mode3.frequency",), 0.801844, "0.800", "0.245"),
+    PaperRow("M [kg]", ("total.mass",), 2256.8, "2255.9 (printed 2155.9)", "0.04"),
+    PaperRow("m_s [kg]", ("tank.mass",), 49.6, "49.9", "0.6"),
+    PaperRow(
+        "k_s [N/m]", ("tank.stiffness.x", "tank.stiffness.y", "tank.stiffness.z"), 0.41, "0.407", "0.78"
+    ),
+    PaperRow("b_s [N s/m]", ("tank.damping.x", "tank.damping.y", "tank.damping.z"), 0.02, "-", ">>"),
+    PaperRow("rho [kg/m] (linear)", ("panel.linear_density",), 16.2, "16.567 (2761.17 kg/m^3)", "2.266"),
+    PaperRow("clamped f1 [Hz]", ("panel.mode1.frequency",), 0.045696, "0.0459", "0.114"),
+    PaperRow("clamped f2 [Hz]", ("panel.mode2.frequency",), 0.286370, "0.287", "0.354"),
+    PaperRow("clamped f3 [Hz]", ("panel.mode3.frequency",), 0.801844, "0.800", "0.245"),
 )
 
 
 @dataclass(frozen=True)
-class Found:
+class IdentifiedExperiments:
     """The paper's experiments, identified from a guess that is off: estimate, true values by name, notes."""
 
     estimate: Estimate
@@ -49,7 +51,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparedRow:
     """A row of Table 2 as an estimate has it, axes averaged: value, half its 95 % interval, first guess."""
 
     value: float
@@ -60,7 +62,7 @@ class Compared:
     status: str
 
     @classmethod
-    def of(cls, row: Row, estimate: Estimate) -> Compared | None:
+    def of(cls, row: PaperRow, estimate: Estimate) -> ComparedRow | None:
         """Return a row compared, or nothing where the estimate has none of its parameters."""
         found = [estimate[n] for n in row.names if n in estimate]
         if not found:
@@ -85,7 +87,7 @@ def table_2_cells(estimate: Estimate) -> tuple[tuple[str, ...], list[tuple[str, 
     rows = []
     for row in TABLE_2:
         known = (row.label, f"{row.truth:g}", row.paper, row.paper_error)
-        c = Compared.of(row, estimate)
+        c = ComparedRow.of(row, estimate)
         here = ("not found", "", "", "")
         if c is not None:
             here = (f"{c.value:.6g}", f"{c.half:.1g}", f"{100.0 * c.error:.3g}", c.status)
@@ -93,7 +95,7 @@ def table_2_cells(estimate: Estimate) -> tuple[tuple[str, ...], list[tuple[str, 
     return ("parameter", "true", "paper", "error %", "here", "± 95 %", "error %", "status"), rows
 
 
-def paper_section(paper: Found) -> Section:
+def paper_section(paper: IdentifiedExperiments) -> Section:
     """Return the paper's Tables 2 and 3 beside what is found from a guess that is off by several per cent."""
     text = (
         "The experiments of Rekleitis and Papadopoulos, flown in smsid's own simulation with sensor noise: "
@@ -116,7 +118,7 @@ def _table_2(estimate: Estimate) -> Table:
     for row in TABLE_2:
         cells = [Cell(row.label), Cell(number(row.truth, 6), row.truth), Cell(unit(row.paper))]
         cells.append(Cell(f"{row.paper_error} %" if row.paper_error[0].isdigit() else row.paper_error))
-        c = Compared.of(row, estimate)
+        c = ComparedRow.of(row, estimate)
         if c is None:
             out.append((*cells, Cell("–"), Cell("not found"), Cell(""), Cell(""), Cell("")))
             continue
@@ -142,7 +144,7 @@ def _table_2(estimate: Estimate) -> Table:
     )
 
 
-def _table_3(paper: Found) -> Table:
+def _table_3(paper: IdentifiedExperiments) -> Table:
     """Return the best and the worst identifiable inertial combinations, as the paper's Table 3 gives them."""
     usable = [
         (p, t)

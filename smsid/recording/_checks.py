@@ -14,7 +14,7 @@ from smsid.recording._clock import check_order
 from smsid.recording.channels import quantity_of
 
 if TYPE_CHECKING:
-    from smsid.recording.checks import Finding
+    from smsid.recording.checks import SampleFault
     from smsid.recording.recording import Recording
 
 NORM_TOLERANCE = 1e-3
@@ -86,7 +86,7 @@ def check_quaternions(recording: Recording) -> None:
 class Contradictions:
     """What contradicts what in a recording."""
 
-    findings: tuple[Finding, ...]
+    findings: tuple[SampleFault, ...]
 
     @property
     def sentences(self) -> tuple[str, ...]:

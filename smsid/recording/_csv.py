@@ -174,7 +174,7 @@ def read_lines(path: Path, skip_rows: int) -> tuple[list[str], str, int]:
         data = gzip.decompress(raw) if path.name.lower().endswith(".gz") else raw
     except Exception as error:  # gzip raises OSError, EOFError or zlib.error
         raise unreadable(path, "gzipped CSV", error) from error
-    lines = io.StringIO(_decoded(path, data), newline=None).read().split("\n")
+    lines = io.StringIO(_decode(path, data), newline=None).read().split("\n")
     skipped = skip_rows
     comment = ""
     # Spreadsheets take their delimiter from a first line such as 'sep=;'.
@@ -188,7 +188,7 @@ def read_lines(path: Path, skip_rows: int) -> tuple[list[str], str, int]:
     return [f"{line}\n" for line in lines[skipped:]], comment, skipped + 1
 
 
-def _decoded(path: Path, data: bytes) -> str:
+def _decode(path: Path, data: bytes) -> str:
     """Decode UTF-8, UTF-16, or the code page of older programs of Windows."""
     even, odd = data[0:2000:2], data[1:2000:2]
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) and len(data) % 2 == 0 and 0 in data[:200]:

@@ -30,7 +30,7 @@ def read_cells(
     blank = np.array([cell.strip().lower() in none for cell in cells])
     kept = [cell for cell, empty in zip(cells, blank, strict=True) if not empty]
     unit = None
-    for repair in (None, _repaired, _without_unit):
+    for repair in (None, _repair_numbers, _without_unit):
         try:
             if repair is not None:
                 kept, found = repair(kept)
@@ -54,7 +54,7 @@ def read_cells(
     return np.array(cells), blank, None
 
 
-def _repaired(cells: list[str]) -> tuple[list[str], None]:
+def _repair_numbers(cells: list[str]) -> tuple[list[str], None]:
     """Write minus signs, the exponents of Fortran and groups of thousands as Python does."""
     grouped = [cell for cell in cells if "," in cell]
     thousands = bool(grouped) and all(THOUSANDS.fullmatch(cell.strip()) for cell in grouped)

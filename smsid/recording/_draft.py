@@ -29,7 +29,7 @@ PER_TOPIC = (".stamp", ".time")
 
 
 @dataclass(frozen=True)
-class Draft:
+class MappingDraft:
     """The text of a mapping, and which channels contradict each other in it."""
 
     text: str
@@ -55,7 +55,7 @@ class _Entry:
 
     def lines(self) -> list[str]:
         group = self.group
-        lines = [f'[channel."{self.channel}"]', f"columns = [{', '.join(map(quoted, group.columns))}]"]
+        lines = [f'[channel."{self.channel}"]', f"columns = [{', '.join(map(toml_string, group.columns))}]"]
         if self.time_axis:
             lines.append(f"time_axis = {self.time_axis}")
         if self.channel.endswith(".attitude") and self.source != EXTRA:
@@ -70,7 +70,7 @@ class _Entry:
             unknown = "unknown" if group.quantity is None else "usual for the name; the file does not say"
             lines.append(f'unit = "{group.unit}"' + ("" if group.unit_written else f" # guess: {unknown}"))
         if self.labels:
-            lines.append(f"labels = [{', '.join(map(quoted, self.labels))}]")
+            lines.append(f"labels = [{', '.join(map(toml_string, self.labels))}]")
         if self.reason:
             return [f"# Commented out: {_one_line(self.reason)}", *(f"# {line}" for line in lines)]
         return [*(f"# {_one_line(note)}" for note in self.notes), *lines]
@@ -78,14 +78,14 @@ class _Entry:
 
 def draft_mapping(
     path: Path, columns: Columns, clocks: Mapping[str, ClockReport], found: list[Group]
-) -> Draft:
+) -> MappingDraft:
     """Draft a mapping from guesses and try it on the columns; channels that it refuses are commented out.
 
     A fault of the data's clock, such as a gap, stays: it is for `import_recording` to tell.
     """
     entries = _with_sources(_entries(columns, clocks, found))
     entries = _one_extra_clock(entries)
-    entries = _tried(path, columns, clocks, entries)
+    entries = _comment_out_refused(path, columns, clocks, entries)
     contradictions: tuple[str, ...] = ()
     recording = _import(path, columns, clocks, entries)
     if recording is not None:
@@ -101,7 +101,7 @@ def draft_mapping(
         entries = [replace(e, reason=wrong.get(e.channel, "")) if not e.reason else e for e in entries]
         if not any(not e.reason for e in entries):  # the last one contradicts nothing
             entries = [replace(entries[0], reason=""), *entries[1:]]
-    return Draft(_text(columns, clocks, entries), contradictions)
+    return MappingDraft(_text(columns, clocks, entries), contradictions)
 
 
 def _entries(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Group]) -> list[_Entry]:
@@ -164,13 +164,13 @@ def _clock_of(columns: Columns, clocks: Mapping[str, ClockReport], group: Group,
         kept = times if group.rows is None or group.rows.size != samples else times[group.rows]
         steps = np.diff(kept.astype(np.float64))
         good = bool(np.isfinite(kept).all() and (steps > 0.0).all())
-        shared = len(_common(name, group.columns[0]))
+        shared = len(_common_groups(name, group.columns[0]))
         stamp = name.endswith(".stamp")
         found.append((own, good, shared, stamp, -k, name))
     return max(found)[-1] if found else None
 
 
-def _common(a: str, b: str) -> str:
+def _common_groups(a: str, b: str) -> str:
     """Give the folders, topics or structures that two names share."""
     parts, others = re.split(r"[./]", a), re.split(r"[./]", b)
     count = 0
@@ -193,7 +193,7 @@ def _with_sources(entries: list[_Entry]) -> list[_Entry]:
             named.append(replace(entry, channel=channel))
             continue
         key = (entry.clock, entry.rows)
-        shared = _common(entry.clock, entry.group.columns[0]) if entry.clock else ""
+        shared = _common_groups(entry.clock, entry.group.columns[0]) if entry.clock else ""
         commanded = COMMANDED.search(" ".join(entry.group.columns).lower())
         base = "command" if commanded else _slug(_topic(entry.clock) or shared) or "log"
         base = "log" if base == EXTRA else base
@@ -222,7 +222,7 @@ def _one_extra_clock(entries: list[_Entry]) -> list[_Entry]:
     ]
 
 
-def _tried(
+def _comment_out_refused(
     path: Path, columns: Columns, clocks: Mapping[str, ClockReport], entries: list[_Entry]
 ) -> list[_Entry]:
     """Comment out what the importer refuses: one channel after the other, if not all at once."""
@@ -289,7 +289,7 @@ def _text(columns: Columns, clocks: Mapping[str, ClockReport], entries: list[_En
         even = [name for name, values in columns.items() if rises_evenly(values)]
         lines += ["[time]", "rate = 100.0 # [Hz] guess: no column is named as a time"]
         lines += [
-            f"# column = {quoted(name)} # rises evenly: if it is the time, state its unit"
+            f"# column = {toml_string(name)} # rises evenly: if it is the time, state its unit"
             for name in even[:3]
         ]
         lines.append("")
@@ -303,7 +303,7 @@ def _text(columns: Columns, clocks: Mapping[str, ClockReport], entries: list[_En
         lines += [*_with_labels(entry, active).lines(), ""]
     if not entries:
         lines.append("# Nothing in the file can be drafted: name the columns yourself.")
-    large = [f"{quoted(name)} {values.shape}" for name, values in columns.items() if values.ndim > 2]
+    large = [f"{toml_string(name)} {values.shape}" for name, values in columns.items() if values.ndim > 2]
     if large:
         lines.append(_one_line(f"# Not drafted, of more than two dimensions: {', '.join(large)}"))
     return "\n".join(lines).rstrip() + "\n"
@@ -324,7 +324,7 @@ def _with_labels(entry: _Entry, active: list[_Entry]) -> _Entry:
 
 def _clock_lines(clock: ClockReport) -> list[str]:
     guess = "" if clock.unit_written else " # guess: from the size of its steps"
-    return [f"column = {quoted(clock.name)}", f'unit = "{clock.unit}"{guess}']
+    return [f"column = {toml_string(clock.name)}", f'unit = "{clock.unit}"{guess}']
 
 
 def _part_of_array(group: Group, columns: Columns) -> bool:
@@ -341,6 +341,6 @@ def _one_line(text: str) -> str:
     return re.sub(r"[\x00-\x1f\x7f]+", " ", text)
 
 
-def quoted(text: str) -> str:
+def toml_string(text: str) -> str:
     """Write a text as a string of TOML."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -195,7 +195,7 @@ def build(
     return Layout(clocks, laid, known_units, _labels(labels, sizes), dict(attributes))
 
 
-def of_stored(stored: Stored, attributes: Mapping[str, Any]) -> Layout:
+def layout_of_dataset(stored: Stored, attributes: Mapping[str, Any]) -> Layout:
     """Lay out a dataset, or raise `RecordingError`."""
     advice, channels, units = "Build recordings with Recording.from_arrays.", {}, {}
     coordinates = {name: values for name, (dims, values, _) in stored.items() if dims == (name,)}

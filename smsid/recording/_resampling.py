@@ -53,7 +53,7 @@ def new_times(recording: Recording, rate_or_times: float | ArrayLike) -> FloatAr
     return np.minimum(times, end)
 
 
-def interpolated(recording: Recording, times: FloatArray) -> dict[str, FloatArray]:
+def interpolate_channels(recording: Recording, times: FloatArray) -> dict[str, FloatArray]:
     """Interpolate every channel at ``times`` (M,) [s], or raise `RecordingError`.
 
     Commands that step are held, as a computer holds them: a valve is open or shut, never half.

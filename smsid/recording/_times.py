@@ -60,10 +60,10 @@ def calendar(cells: Sequence[str]) -> NDArray[np.int64] | None:
     A time zone is taken into account; without one, the times are as they stand. Blank cells are the least
     integer.
     """
-    return _parsed(cells, STAMPS)
+    return _parse_cells(cells, STAMPS)
 
 
-def _parsed(cells: Sequence[str], forms: Sequence[re.Pattern[str]]) -> NDArray[np.int64] | None:
+def _parse_cells(cells: Sequence[str], forms: Sequence[re.Pattern[str]]) -> NDArray[np.int64] | None:
     """Read cells by the form that all of them have; by that of the least span where several do."""
     written = [cell.strip() for cell in cells]
     if not any(written):
@@ -167,7 +167,7 @@ def read_times(columns: Columns) -> Columns:
             stamps[name] = stamp
         elif (day := time_of_day(cells)) is not None:
             days[name] = day
-        elif (date := _parsed(cells, DATES)) is not None:
+        elif (date := _parse_cells(cells, DATES)) is not None:
             dates[name] = date
     for (date_name, date), (name, day) in zip(dates.items(), days.items(), strict=False):
         clock = np.mod(day, DAY)  # the date counts the days

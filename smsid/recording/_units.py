@@ -60,7 +60,7 @@ def convert(values: FloatArray, unit: str, to: str, where: str) -> FloatArray:
     return np.asarray(registry.Quantity(values, source).to(target).magnitude, dtype=np.float64)
 
 
-def alike(unit: str, other: str, where: str) -> bool:
+def same_dimension(unit: str, other: str, where: str) -> bool:
     """Return whether two units are of one dimension, angles counted as one.
 
     Raises:

@@ -95,7 +95,7 @@ def columns_to_recording(path: Path, rules: ImportMapping, columns: Columns) -> 
     return _Import(path, rules, columns).run({})
 
 
-def _together(faults: Sequence[RecordingError]) -> RecordingError:
+def _combined_error(faults: Sequence[RecordingError]) -> RecordingError:
     """Return one error of all faults: each once, with its own advice."""
     said = list(dict.fromkeys(map(str, faults)))
     if len(said) == 1:
@@ -128,7 +128,7 @@ class _Import:
             except RecordingError as error:
                 faults.append(error)
         if faults:
-            raise _together(faults)
+            raise _combined_error(faults)
         for name, values in channels.items():
             source = name.partition(".")[0]
             kept = self._sampled_rows(source, present)
@@ -248,18 +248,18 @@ class _Import:
 
     def _channel(self, name: str, table: ChannelTable) -> FloatArray:
         quantity = table.quantity(name)
-        values = self._gathered(name, table, quantity)
+        values = self._gather_columns(name, table, quantity)
         if quantity.is_quaternion:
             values = np.roll(values, -1, axis=1) if table.quaternion == "wxyz" else values
             return conjugate(values) if table.direction == "inertial_to_body" else values
         if quantity.dims:
-            values = self._converted(name, table, quantity, values)
+            values = self._convert_units(name, table, quantity, values)
         values = self._signed(name, table, values)
         if table.attitude is not None:
             values = self._turned(name, table, values)
         return values
 
-    def _converted(
+    def _convert_units(
         self, name: str, table: ChannelTable, quantity: Quantity, values: FloatArray
     ) -> FloatArray:
         """Convert values to the catalogue's unit, column by column where they state their own."""
@@ -272,7 +272,7 @@ class _Import:
             out[..., k] = convert(out[..., k], unit, target_unit(unit, quantity, where), where)
         return out
 
-    def _gathered(self, name: str, table: ChannelTable, quantity: Quantity) -> FloatArray:
+    def _gather_columns(self, name: str, table: ChannelTable, quantity: Quantity) -> FloatArray:
         """Collect the columns of a channel into (N, ...)."""
         arrays = [self._numbers(column, f"channel '{name}'") for column in table.columns]
         if len(arrays) > 1:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
 from smsid.recording._clock import find_gaps
-from smsid.recording._draft import draft_mapping, quoted
+from smsid.recording._draft import draft_mapping, toml_string
 from smsid.recording._guess import Group, groups, is_clock, stated_unit, suspicion
 from smsid.recording.columns import Columns
 from smsid.recording.importing import import_recording, is_number
@@ -122,9 +122,9 @@ def inspect_file(
     if not clocks:
         doubts.append("No column looks like times: state the rate.")
     for group in found:
-        values = _stacked(columns, group)
+        values = _stack_samples(columns, group)
         doubts += [doubt] if (doubt := suspicion(group, values)) else []
-        doubts += [doubt] if (doubt := _held(columns, clocks, group)) else []
+        doubts += [doubt] if (doubt := _held_samples_note(columns, clocks, group)) else []
     reports = tuple(_column(columns, name) for name in columns)
     doubts += [f"'{c.name}' has {c.not_finite} samples that are not finite." for c in reports if c.not_finite]
     texts = [name for name, values in columns.items() if values.dtype.kind not in "fiub"]
@@ -153,7 +153,7 @@ def words_among_numbers(name: str, cells: NDArray[Any]) -> str | None:
     cell = str(cells[words[0]])
     return (
         f"'{name}' is no column of numbers for {len(words)} of {cells.size} cells, the first '{cell}' in row "
-        f"{words[0] + 1} after the header: mend them, or state [csv] missing = [{quoted(cell)}]."
+        f"{words[0] + 1} after the header: mend them, or state [csv] missing = [{toml_string(cell)}]."
     )
 
 
@@ -206,12 +206,12 @@ def _by_source(columns: Columns, name: str, found: Sequence[Group]) -> list[Cloc
     ]
 
 
-def _held(columns: Columns, clocks: dict[str, ClockReport], group: Group) -> str | None:
+def _held_samples_note(columns: Columns, clocks: dict[str, ClockReport], group: Group) -> str | None:
     """Say that a sensor is slower than its log: its samples change at every k-th row only, evenly."""
     values = columns[group.columns[0]]
     if values.ndim != 1 or group.rows is not None:
         return None
-    held = held_samples(_stacked(columns, group))
+    held = held_samples(_stack_samples(columns, group))
     if held is None:
         return None
     rate = next((c.rate for c in clocks.values() if c.samples == values.size), None)
@@ -276,7 +276,7 @@ def _column(columns: Columns, name: str) -> ColumnReport:
     return ColumnReport(name, values.shape, low, high, int(values.size - finite.size) - blank, low == high)
 
 
-def _stacked(columns: Columns, group: Group) -> NDArray[Any]:
+def _stack_samples(columns: Columns, group: Group) -> NDArray[Any]:
     """Give the samples of a group, (N, k), without rows that are blank."""
     first = columns[group.columns[0]]
     if first.ndim == 2:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from smsid._explain import toml_kind, validated
 from smsid._reading import read_toml
 from smsid.errors import RecordingError
-from smsid.recording._units import alike, check_unit, convert
+from smsid.recording._units import check_unit, convert, same_dimension
 from smsid.recording.channels import EXTRA, SLIDING, Quantity, quantity_of
 from smsid.recording.readers import CsvFormat
 
@@ -220,7 +220,7 @@ def target_unit(unit: str, quantity: Quantity, where: str) -> str:
     sliding = SLIDING.get(quantity.unit)
     if sliding is None or "joint" not in {d for choice in quantity.dims for d in choice}:
         return quantity.unit
-    return sliding if alike(unit, sliding, where) else quantity.unit
+    return sliding if same_dimension(unit, sliding, where) else quantity.unit
 
 
 def _contradiction(table: ChannelTable, quantity: Quantity) -> tuple[str, str] | None:

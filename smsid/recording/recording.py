@@ -51,7 +51,7 @@ class Recording(Told):
             stored = {
                 str(k): (tuple(map(str, x.dims)), x.values, x.attrs) for k, x in dataset.variables.items()
             }
-            dataset = _layout.of_stored(stored, dataset.attrs)
+            dataset = _layout.layout_of_dataset(stored, dataset.attrs)
         object.__setattr__(self, "_data", dataset)
         object.__setattr__(self, "_contradictions", None)
 
@@ -320,7 +320,7 @@ class Recording(Told):
                 finite.
         """
         times = _resampling.new_times(self, rate_or_times)
-        channels = _resampling.interpolated(self, times)
+        channels = _resampling.interpolate_channels(self, times)
         built = self._rebuilt(times, channels, self.labels, self.units)
         return built._noted({"resampled": {"start": float(times[0]), "samples": int(times.size)}})
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from smsid._files import atomic_write, check_target
 from smsid.errors import OutputError, RecordingError
-from smsid.recording._layout import Stored, of_stored
+from smsid.recording._layout import Stored, layout_of_dataset
 from smsid.recording.channels import quantity_of
 from smsid.recording.recording import Recording
 
@@ -42,12 +42,12 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:
     """
     try:
         check_target(path)
-        return _save_sealed(_written(recording), path)
+        return _save_sealed(_file_bytes(recording), path)
     except OutputError as error:
         raise RecordingError(error.message, advice=error.advice, **error.evidence) from error
 
 
-def _written(recording: Recording) -> bytes:
+def _file_bytes(recording: Recording) -> bytes:
     """Return the bytes of the netCDF-4 file of a recording."""
     import h5netcdf
     import h5py
@@ -107,7 +107,7 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         )
     try:
         _check_conventions(stored)
-        return Recording(of_stored(stored, attributes))
+        return Recording(layout_of_dataset(stored, attributes))
     except RecordingError as error:
         raise error.at(path) from error
 
@@ -156,7 +156,7 @@ def open_hdf5(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     except RecordingError:
         raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ... by where it breaks
-        raise damaged(path, error) from error
+        raise damaged_error(path, error) from error
 
 
 def file_attribute(path: str | os.PathLike[str], name: str) -> str:
@@ -186,7 +186,7 @@ def check_hdf5(path: str | os.PathLike[str]) -> None:
     if start == HDF5_SIGNATURE:
         return _check_sum(file)
     if HDF5_SIGNATURE.startswith(start):
-        raise damaged(path, None)
+        raise damaged_error(path, None)
     if start[:3] == b"CDF":
         advice = "It is classic netCDF; convert it with: nccopy -k netCDF-4 <file> <new file>."
     else:
@@ -204,7 +204,7 @@ def _check_sum(path: Path) -> None:
         while seal.startswith(SEAL) and (block := stream.read(min(1 << 20, size - stream.tell()))):
             found.update(block)
     if SEAL[:6] in seal and seal != SEAL + found.digest():
-        raise damaged(path, None)
+        raise damaged_error(path, None)
 
 
 def refuse_other_files(file: h5py.File, path: str | os.PathLike[str]) -> None:
@@ -236,7 +236,7 @@ def _elsewhere(path: str | os.PathLike[str], name: str) -> RecordingError:
     )
 
 
-def damaged(path: str | os.PathLike[str], error: Exception | None) -> RecordingError:
+def damaged_error(path: str | os.PathLike[str], error: Exception | None) -> RecordingError:
     """Return the error of an HDF5 file that cannot be read, or is not as it was written."""
     size = Path(path).stat().st_size
     return RecordingError(

@@ -14,7 +14,7 @@ from smsid.recording import Recording
 from smsid.report.model import Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import share
 from smsid.report.parameters import identifiability, parameter_table
-from smsid.report.residuals import explored
+from smsid.report.residuals import trace_explorer
 from smsid.report.spectra import spectrum_grid
 from smsid.report.traces import Trace
 
@@ -44,7 +44,7 @@ def arm_report(found: JudgedArm, recordings: Sequence[Recording], origin: Proven
     )
     traces = [t for ts in groups.values() for t in ts]
     caption = "Below: measured minus predicted, beside twice its rms on the recording identified from."
-    figure, torques = explored(traces, "Measured and predicted torque", caption,
+    figure, torques = trace_explorer(traces, "Measured and predicted torque", caption,
                                band="± 2 rms of the fit", scale="rms of the fit", note=NOTE)  # fmt: skip
     spectra = spectrum_grid("spectrum", groups, labels=("", "residual torque"))
     parameters = (

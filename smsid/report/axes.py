@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.report.numbers import plain, power
+from smsid.report.numbers import power, tick_label
 
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
@@ -77,7 +77,7 @@ def ticks_of(low: float, high: float, log: bool = False, count: int = 6) -> tupl
             return tuple((10.0**e, power(e)) for e in range(first, last + 1, every))
         base = 10.0 ** math.floor(math.log10(low))
         fine = [m * base * f for f in (1.0, 10.0) for m in (1.0, 2.0, 3.0, 5.0, 7.0)]
-        return tuple((v, plain(v)) for v in fine if low <= v <= high)
+        return tuple((v, tick_label(v)) for v in fine if low <= v <= high)
     if not high > low:
         return ()
     first, last, step = 0, -1, 1.0
@@ -87,4 +87,4 @@ def ticks_of(low: float, high: float, log: bool = False, count: int = 6) -> tupl
         step = next(s * base for s in STEPS if s * base >= raw * (1.0 - 1e-9))
         first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
         count += 1
-    return tuple((k * step, plain(round(k * step, 12))) for k in range(first, last + 1))
+    return tuple((k * step, tick_label(round(k * step, 12))) for k in range(first, last + 1))

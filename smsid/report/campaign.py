@@ -16,7 +16,7 @@ from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Tone, cells
 from smsid.report.numbers import number, unit
 from smsid.report.plot import Band, Curve, Plot, Rule
-from smsid.report.rows import Bar, Mark, Row, RowChart
+from smsid.report.rows import Bar, ChartRow, Mark, RowChart
 
 
 def campaign_report(name: str, summary: Summary, records: Sequence[RunRecord], origin: Provenance) -> Report:
@@ -103,10 +103,10 @@ def _coverage(summary: Summary, tested: Sequence[ParameterSummary]) -> list[Figu
 
 def _held(
     name: str, x: float | None, band: tuple[float, float] | None, holds: bool | None, text: str, tip: str = ""
-) -> Row:
+) -> ChartRow:
     bad = holds is False
     mark = Mark(x or 0.0, series=int(bad), shape="square" if bad else "dot", tip=tip)
-    return Row(name, (mark,), text, band, _tone(holds))
+    return ChartRow(name, (mark,), text, band, _tone(holds))
 
 
 def _errors(known: Sequence[ParameterSummary]) -> Figure:
@@ -119,7 +119,7 @@ def _errors(known: Sequence[ParameterSummary]) -> Figure:
         mark = Mark(max(bias, 1e-9), series=1, tip=f"bias {number(bias, 2)}")
         values += [spread, mark.value]
         items = (Bar(spread, 0, tip=f"spread {number(spread, 2)}"), mark)
-        rows.append(Row(p.name, items, f"{number(100 * spread, 2)} %"))
+        rows.append(ChartRow(p.name, items, f"{number(100 * spread, 2)} %"))
     axis = Axis.over("relative to the true value", values or [1e-3, 1.0], log=True)
     legend = (("spread (standard deviation)", 0, "bar"), ("bias (mean error)", 1, "dot"))
     chart = RowChart(axis, rows, "spread and bias of every parameter", legend)
@@ -176,7 +176,7 @@ def _running_coverage(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: S
     n = np.arange(1, max(len(errors[k][0]) for k in worst) + 1)
     low, high = binom.ppf([[0.025], [0.975]], n, 0.95) / n
     marks = [Band("95 % band of one parameter", n, low, high, 2), Rule("", 0.95, False, 2)]
-    marks += _running({k: np.abs(errors[k][1]) < NORMAL95 for k in worst})
+    marks += _running_means({k: np.abs(errors[k][1]) < NORMAL95 for k in worst})
     y = Axis.over("covered so far", [[0.5, 1.0]], room=0.02, count=5)
     alt = "running coverage of the parameters farthest off"
     plot = Plot(Axis.over("runs", [[1, n[-1]]], room=0.0), y, marks, alt)
@@ -187,7 +187,7 @@ def _running_coverage(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: S
 def _bias(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: Sequence[str]) -> Figure:
     n = np.arange(1, max(len(errors[k][0]) for k in worst) + 1)
     edge = NORMAL95 / np.sqrt(n)
-    means = _running({k: errors[k][1] for k in worst})
+    means = _running_means({k: errors[k][1] for k in worst})
     values = [np.array([-1.0, 1.0]), *(c.y[len(c.y) // 10 :] for c in means)]
     y = Axis.over("mean error so far / predicted σ", values, count=5)
     marks = (Band("95 % band without bias", n, -edge, edge, 2), Rule("", 0.0, False, 2), *means)
@@ -196,7 +196,7 @@ def _bias(errors: dict[str, tuple[np.ndarray, np.ndarray]], worst: Sequence[str]
     return Figure("running-bias", "Bias as runs came in", plot)
 
 
-def _running(series: dict[str, np.ndarray]) -> list[Curve]:
+def _running_means(series: dict[str, np.ndarray]) -> list[Curve]:
     """Return the mean so far of every series, run after run."""
     return [
         Curve(k, np.arange(1, len(x) + 1), np.cumsum(x) / np.arange(1, len(x) + 1), COLOURS[i], "thin")

@@ -12,7 +12,7 @@ from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, share
 from smsid.report.plot import Curve, Plot, Rule
-from smsid.report.rows import Bar, Mark, Row, RowChart
+from smsid.report.rows import Bar, ChartRow, Mark, RowChart
 
 LIGHT = 0.001  # damping ratio below which the axis ends
 SHOWN = 14
@@ -89,7 +89,7 @@ def _modes(made: Design) -> tuple[Table | Figure, ...]:
         state = "held" if m.held else "free"
         tip = f"{number(m.frequency, 5)} rad/s, 95 %: {number(m.low, 5)} to {number(m.high, 5)}"
         mark = Mark(m.frequency, m.low, m.high, 0, "dot" if m.held else "ring", tip)
-        rows.append(Row(f"{m.name}, base and joints {state}", (mark,), number(m.frequency, 4), m.band))
+        rows.append(ChartRow(f"{m.name}, base and joints {state}", (mark,), number(m.frequency, 4), m.band))
         values += [low, high]
         table.append(cells(m.name, state, *((x, 5) for x in (m.frequency, m.low, m.high, low, high))))
     gains = [(tuning.attitude, "attitude gains")]
@@ -149,7 +149,7 @@ def _robust(r: Robustness) -> tuple[Text | Table | Figure, ...]:
     table = Table("Robust stability", ("quantity", "#value"), [cells(k, (v, 4)) for k, v in facts], note)
     worst = sorted(r.worst.items(), key=lambda x: -abs(x[1]))[:SHOWN]
     bars = [
-        Row(name, (Bar(value, 0 if value > 0 else 1, 0.0),), f"{value:+.2f}".replace("-", "−"))
+        ChartRow(name, (Bar(value, 0 if value > 0 else 1, 0.0),), f"{value:+.2f}".replace("-", "−"))
         for name, value in worst
     ]
     axis = Axis("share of the 95 % interval", -1.1, 1.1, ticks=((-1.0, "−1"), (0.0, "0"), (1.0, "1")))

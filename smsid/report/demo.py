@@ -30,7 +30,7 @@ DESCRIBED, IDENTIFIED, EXTENDED = "as described", "identified", "with the cause"
 
 
 @dataclass(frozen=True)
-class Craft:
+class DemoCraft:
     """The craft with something hidden: what was described and measured, and what was found.
 
     ``estimate`` is of the estimation flight, ``found`` its diagnosis, ``extended`` the description with the
@@ -56,7 +56,7 @@ class Craft:
 
 
 def demo_report(
-    craft: Craft,
+    craft: DemoCraft,
     paper: Section,
     links: Sequence[Link],
     origin: Provenance,
@@ -104,7 +104,7 @@ def demo_report(
     )
 
 
-def verdict(craft: Craft) -> tuple[str, Tone]:
+def verdict(craft: DemoCraft) -> tuple[str, Tone]:
     """Return what was found, in a sentence, and whether it is what was hidden."""
     d = craft.found.diagnosis
     if not d.causes:
@@ -116,7 +116,7 @@ def verdict(craft: Craft) -> tuple[str, Tone]:
     return text, "good" if right else "warn"
 
 
-def found_hidden(craft: Craft) -> bool | None:
+def found_hidden(craft: DemoCraft) -> bool | None:
     """Return whether the hidden value lies in the interval found; ``None`` where another cause is named."""
     for cause in craft.found.diagnosis.causes:
         for p in cause.parameters:
@@ -125,7 +125,7 @@ def found_hidden(craft: Craft) -> bool | None:
     return None
 
 
-def steps(craft: Craft, seen: OpenLoop | None) -> tuple[str, ...]:
+def steps(craft: DemoCraft, seen: OpenLoop | None) -> tuple[str, ...]:
     """Return the story in steps, with the figures of this run."""
     d, r = craft.found.diagnosis, craft.estimation
     times = r.time()
@@ -170,7 +170,7 @@ def _errors(seen: OpenLoop | None, models: Sequence[str], most: int) -> str:
     return "; ".join(told)
 
 
-def cause_section(craft: Craft) -> Section:
+def cause_section(craft: DemoCraft) -> Section:
     """Return the causes with their intervals beside what was hidden."""
     d, h = craft.found.diagnosis, craft.hidden
     rows = []
@@ -194,7 +194,7 @@ def cause_section(craft: Craft) -> Section:
     return Section("cause", "The cause, and what was hidden", parts)
 
 
-def values_section(craft: Craft) -> Section:
+def values_section(craft: DemoCraft) -> Section:
     """Return the identified parameters beside the wrong guess and the truth."""
     own = [p for p in asked_for(craft.estimate) if p.status == "identifiable"]
     bodies = described_bodies(craft.description)
@@ -216,7 +216,7 @@ def values_section(craft: Craft) -> Section:
     return Section("values", "Identified values", (Table(title, columns, rows, note),), gist, open=False)
 
 
-def _glance(craft: Craft, seen: OpenLoop | None) -> tuple[tuple[str, str], ...]:
+def _glance(craft: DemoCraft, seen: OpenLoop | None) -> tuple[tuple[str, str], ...]:
     d = craft.found.diagnosis
     out: list[tuple[str, str]] = []
     if d.causes:

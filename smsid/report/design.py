@@ -30,7 +30,7 @@ from smsid.report.model import (
 )
 from smsid.report.numbers import number, share, unit
 from smsid.report.plot import Curve, Plot
-from smsid.report.rows import Bar, Mark, Row, RowChart
+from smsid.report.rows import Bar, ChartRow, Mark, RowChart
 
 NEAR = 0.99  # share of what may be used at which a limit holds the design back
 
@@ -85,7 +85,7 @@ def design_report(
 def verdict(found: Design | Separation, asked: ReportInputs) -> tuple[str, Tone]:
     """Return one sentence on a design, and what it is worth."""
     stopped = " The search was interrupted." if found.interrupted else ""
-    broken = asked.limits.broken(found.limits)
+    broken = asked.limits.violations(found.limits)
     if broken:
         return f"The experiment passes a limit: {'; '.join(map(str, broken))}.{stopped}", "bad"
     if isinstance(found, Separation):
@@ -119,7 +119,7 @@ def _precision(found: Design, to: float | None) -> tuple[Figure | Table, ...]:
             Bar(now, 0 if met else 1, tip=f"σ {share(now)}"),
             Mark(then, series=2, shape="ring", tip=f"before: {share(then)}"),
         )
-        rows.append(Row(name, items, share(now), tone="neutral" if met else "warn"))
+        rows.append(ChartRow(name, items, share(now), tone="neutral" if met else "warn"))
         known = (goal.values[i], 6), (found.sigma[i], 3), (found.before[i], 3), unit(goal.units[i])
         relative = Cell(share(now), now, "good" if met else "warn"), Cell(share(then), then)
         table.append(cells(name, *known, *relative, (then / now, 3)))
@@ -147,7 +147,7 @@ def _separation(found: Separation) -> tuple[Figure | Table, ...]:
     for r in found.rows:
         name = r.cause if r.cause.startswith(r.parameter) else f"{r.cause}: {r.parameter}"
         bar = Bar(r.limit / r.before, 0, 1.0, tip=f"{number(r.limit, 3)} {r.unit}")
-        rows.append(Row(name, (bar,), f"{number(r.limit, 3)} {unit(r.unit)}"))
+        rows.append(ChartRow(name, (bar,), f"{number(r.limit, 3)} {unit(r.unit)}"))
     ratios = [r.limit / r.before for r in found.rows]
     axis = Axis.over("detection limit, share of that before", [ratios, [1.0]], log=True)
     alt = "least values told from the other cause, relative to before"
@@ -168,13 +168,13 @@ def _limits(uses: tuple[LimitUse, ...], limits: Limits) -> list[Figure | Table |
     if stated:
         rows, values = [], [[0.0, 1.0]]
         for u in stated:
-            used = limits.share(u) * limits.usable
-            over = used > limits.usable * (1 + 1e-6)
+            used = limits.share(u) * limits.usable_share
+            over = used > limits.usable_share * (1 + 1e-6)
             bar = Bar(used, int(over), 0.0)
-            rows.append(Row(u.quantity, (bar,), share(used, 3), tone="bad" if over else "neutral"))
+            rows.append(ChartRow(u.quantity, (bar,), share(used, 3), tone="bad" if over else "neutral"))
             values.append([used, used])
         axis = Axis.over("largest value, share of the limit", values, room=0.02, count=6)
-        rules = ((limits.usable, f"{share(limits.margin, 3)} left unused"),)
+        rules = ((limits.usable_share, f"{share(limits.margin, 3)} left unused"),)
         chart = RowChart(axis, rows, "share of every limit that the simulated motion uses", rules=rules)
         caption = "From the simulated motion of the described spacecraft. To the left of the line: within."
         parts.append(Figure("limit-chart", "How much of every limit is used", chart, caption))
@@ -185,7 +185,7 @@ def _limits(uses: tuple[LimitUse, ...], limits: Limits) -> list[Figure | Table |
         own = cells("none stated", None, None)
         if u.limit is not None:
             tone: Tone = (
-                "bad" if u in limits.broken((u,)) else "good" if limits.share(u) <= NEAR else "neutral"
+                "bad" if u in limits.violations((u,)) else "good" if limits.share(u) <= NEAR else "neutral"
             )
             used = Cell(share(u.value / u.limit, 3), u.value / u.limit, tone)
             own = cells((u.limit, 5), used, (u.limit - u.value, 3))

@@ -23,7 +23,7 @@ from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table,
 from smsid.report.model import Part, Provenance, Report, Section, Table, Text, Tone, notes_section
 from smsid.report.numbers import number, share
 from smsid.report.open_loop import OpenLoop, story_section
-from smsid.report.residuals import explored
+from smsid.report.residuals import trace_explorer
 from smsid.report.spectra import spectrum_grid
 from smsid.report.traces import Trace, rotation_vectors
 
@@ -177,7 +177,7 @@ def search_sections(search: Search, asked: ReportInputs) -> list[Section]:
     grid, gist = spectrum_grid("spectrum", groups, labels=labels), "before and after" if changed else ""
     out.append(Section("spectra", "Spectra of the innovations", (grid,), gist, open=False))
     named = ("measured", "predicted", "error", "error before any cause")
-    parts = explored(traces, "Measured, and predicted one sample ahead", BELOW, named, **EXPECTED)
+    parts = trace_explorer(traces, "Measured, and predicted one sample ahead", BELOW, named, **EXPECTED)
     recordings = ", ".join(r.name for r in asked.recordings)
     out.append(Section("residuals", "Measured against predicted", parts, recordings, open=not changed))
     return out
@@ -192,7 +192,7 @@ def _gain_section(found: Diagnosed, asked: ReportInputs, loop: OpenLoop | None) 
     if loop is not None and {GIVEN, EXTENDED} <= set(loop.models):
         labels = ("measured", "simulated, extended", "error, extended", "error, as given")
         title_, traces = f"Simulated open loop on {loop.recording}", loop.traces(GIVEN, EXTENDED)
-        parts += explored(traces, title_, BELOW, labels, name="open-loop", **EXPECTED)[:1]
+        parts += trace_explorer(traces, title_, BELOW, labels, name="open-loop", **EXPECTED)[:1]
     return Section("gain", title, parts, f"on {d.gain.recording}", open=False)
 
 
@@ -254,7 +254,7 @@ def torque_sections(found: TorqueSearch, recording: str) -> list[Section]:
     traces = torque_traces(found)
     labels = ("measured", "predicted", "residual", "residual before any cause")
     caption = "Low-passed alike on both sides."
-    parts = explored(traces, "Measured and predicted torque", caption, labels, note=OF_TORQUES)
+    parts = trace_explorer(traces, "Measured and predicted torque", caption, labels, note=OF_TORQUES)
     groups = {t.name: (t,) for t in traces}
     grid = spectrum_grid("spectrum", groups, labels=("before any cause", "with the causes"))
     return [

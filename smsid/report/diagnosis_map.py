@@ -37,7 +37,7 @@ BEYOND = 300.0
 
 
 @dataclass(frozen=True)
-class Place:
+class MapCell:
     """An equation or channel, what it may depend on, and the share [0, 1] of the misfit that it explains."""
 
     where: str
@@ -46,7 +46,7 @@ class Place:
     freedom: int
 
 
-At = TypeVar("At", Remaining, Place)
+At = TypeVar("At", Remaining, MapCell)
 
 
 def evidence(test: Remaining, tests: int) -> float:

@@ -16,11 +16,11 @@ from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import Fit, Prior, evaluate
 from smsid.estimation.sensitivities import propagate
 from smsid.report.axes import Axis, ticks_of
-from smsid.report.diagnosis_map import Place, column_of, row_of, strongest_by_place
+from smsid.report.diagnosis_map import MapCell, column_of, row_of, strongest_by_place
 from smsid.report.heat import HeatCell, HeatMap, correlation_map, step_of
 from smsid.report.model import Figure
 from smsid.report.numbers import share
-from smsid.report.rows import Bar, Row, RowChart
+from smsid.report.rows import Bar, ChartRow, RowChart
 
 EDGES = (0.02, 0.1, 0.25, 0.45, 0.65, 0.8, 0.95)
 SHOWN = 14
@@ -71,7 +71,7 @@ def share_ranking(found: Shares) -> Figure | None:
         series = 0 if c.cause else 1 if c.alias else 2
         what = {0: "the cause", 1: "not told from it"}.get(series, "")
         text = f"{percent(c.share)} {what}".strip()
-        rows.append(Row(label(c.candidate), (Bar(c.share, series, tip=text),), text))
+        rows.append(ChartRow(label(c.candidate), (Bar(c.share, series, tip=text),), text))
     names = ("named as cause", "not told from a cause", "other candidates")
     used = {r.items[0].series for r in rows}
     legend = [(name, k, "bar") for k, name in enumerate(names) if k in used]
@@ -96,7 +96,7 @@ def percent(x: float) -> str:
     return share(x, 2) if x < 0.0995 else f"{100 * x:.0f} %"
 
 
-def _cell(p: Place | None, here: bool) -> HeatCell:
+def _cell(p: MapCell | None, here: bool) -> HeatCell:
     if p is None:
         return HeatCell()
     text = "0" if p.share < 0.005 else f"{100 * p.share:.0f}"
@@ -173,7 +173,7 @@ class CandidateShare:
 class Shares:
     """Shares of the misfit explained, the largest first; ``of_causes``: the misfit is what the causes do."""
 
-    places: tuple[Place, ...]
+    places: tuple[MapCell, ...]
     candidates: tuple[CandidateShare, ...]
     of_causes: bool
 
@@ -198,7 +198,7 @@ def shares_of(search: Search) -> Shares | None:
     if not total > 0.0:
         return None
     places = [
-        Place(b.where, b.dependence, min(1.0, b.ratio / total), b.freedom)
+        MapCell(b.where, b.dependence, min(1.0, b.ratio / total), b.freedom)
         for b in adequacy(found)
         if b.dependence != PAST and b.freedom  # correlation in time is a symptom, and no share of squares
     ]

@@ -13,7 +13,7 @@ from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Table, Text, cells
 from smsid.report.numbers import number, share, unit, with_half
 from smsid.report.parameters import interval_cell
-from smsid.report.rows import Mark, Row, RowChart
+from smsid.report.rows import ChartRow, Mark, RowChart
 
 
 def cause_tables(d: Diagnosis) -> Iterator[Table]:
@@ -91,7 +91,7 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
             if x > 0.0
         ]
         factor = c.given / c.extended if c.extended > 0.0 else math.nan
-        rows.append(Row(f"{c.channel} [{shown}]", marks, f"÷ {number(factor, 3)}"))
+        rows.append(ChartRow(f"{c.channel} [{shown}]", marks, f"÷ {number(factor, 3)}"))
         values += [m.value for m in marks]
         table.append(cells(c.channel, shown, (c.given, 4), (c.extended, 4), (c.noise, 4), (factor, 3)))
     axis = Axis.over("open-loop error, rms (in each channel's unit)", values, log=True)

@@ -32,7 +32,7 @@ from smsid.report.model import (
     cells,
     notes_section,
 )
-from smsid.report.numbers import number, raised
+from smsid.report.numbers import number, raise_exponents
 from smsid.report.parameters import correlations, parameter_section
 from smsid.report.plot import Curve, Plot, Rule
 from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
@@ -154,7 +154,7 @@ def _aliases(refined: Refinement | None) -> list[Section]:
     own = asked_for(refined.estimate)
     figure = correlations("correlation", refined.estimate.parameters[: len(own)],
                           refined.covariance[: len(own), : len(own)])  # fmt: skip
-    lines = tuple(raised(d.text) for d in refined.unseen)
+    lines = tuple(raise_exponents(d.text) for d in refined.unseen)
     out = []
     if figure is not None:
         out.append(Section("aliases", "What moves together", (figure,), "correlations of estimates"))

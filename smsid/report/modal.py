@@ -15,7 +15,7 @@ from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, 
 from smsid.report.numbers import number, share
 from smsid.report.parameters import identifiability, parameter_table
 from smsid.report.plot import Curve, Plot, Rule
-from smsid.report.residuals import explored
+from smsid.report.residuals import trace_explorer
 from smsid.report.stabilisation import Diagram, stabilisation_figures
 from smsid.report.traces import Trace
 
@@ -61,7 +61,7 @@ def modal_report(
         "Autocorrelations relative to the variance: what free decay would look like. Frequencies and damping "
         "are those identified. The strongest output is shown first."
     )
-    parts = explored(traces, "Correlations, measured and fitted", caption, labels, first=0,
+    parts = trace_explorer(traces, "Correlations, measured and fitted", caption, labels, first=0,
                      band="± 2 σ of its scatter", scale="scatter", note=NOTE, along="lag [s]")  # fmt: skip
     gist = f"{channel}, {outputs.shape[1]} outputs"
     sections += [

@@ -40,7 +40,7 @@ def share(x: float, digits: int = 2) -> str:
     return f"{number(100.0 * x, digits)} %" if math.isfinite(x) else "–"
 
 
-def plain(x: float) -> str:
+def tick_label(x: float) -> str:
     """Return a number as a tick's label: short, and exact for round ones."""
     if x == 0.0:
         return "0"
@@ -68,9 +68,9 @@ def with_half(value: float, size: float) -> str:
 
 def unit(text: str) -> str:
     """Return a unit with raised exponents, which no line breaks; that of a pure number is nothing."""
-    return "" if text == "1" else raised(text).replace(" ", "\N{NO-BREAK SPACE}")
+    return "" if text == "1" else raise_exponents(text).replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def raised(text: str) -> str:
+def raise_exponents(text: str) -> str:
     """Return a text with its exponents raised."""
     return re.sub(r"\^(-?\d+)", lambda m: m.group(1).translate(_RAISED), text)

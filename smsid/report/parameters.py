@@ -14,7 +14,7 @@ from smsid.report.axes import Axis
 from smsid.report.heat import correlation_map
 from smsid.report.model import Cell, Figure, Section, Table, Tone, cells
 from smsid.report.numbers import half, share, unit
-from smsid.report.rows import Bar, Mark, Row, RowChart
+from smsid.report.rows import Bar, ChartRow, Mark, RowChart
 
 STATUS: dict[str, Tone] = {"identifiable": "good", "not_identifiable": "warn"}
 SMALLEST = 1e-7  # relative: shares below are drawn at the end of the axis
@@ -60,7 +60,7 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate]) -> Figur
         if math.isfinite(off):  # nothing is a share of zero
             items.append(Mark(off, series=5, shape="ring", tip=f"off the description by {share(off)}"))
             values.append(off)
-        rows.append(Row(p.name, items, f"± {share(width)}", tone="neutral" if known_well else "warn"))
+        rows.append(ChartRow(p.name, items, f"± {share(width)}", tone="neutral" if known_well else "warn"))
     legend = [("half of the 95 % interval", 0, "bar")]
     legend += [("the same, not identifiable", 2, "bar")] if any(r.tone == "warn" for r in rows) else []
     described = any(p.nominal is not None for p in shown)

@@ -120,7 +120,7 @@ def residual_parts(found: Sequence[Residuals]) -> tuple[Figure, Table]:
         "Above: measured (grey) and simulated (blue). Below: measured minus simulated, with twice the noise "
         "that samples show between each other. Attitudes are rotation vectors from the start."
     )
-    return explored([t.alone() for r in found for t in r.traces], "Measured and simulated", caption)
+    return trace_explorer([t.alone() for r in found for t in r.traces], "Measured and simulated", caption)
 
 
 WORDS = ("measured", "simulated", "residual", "residual before")
@@ -130,7 +130,7 @@ WHITE = (
 )
 
 
-def explored(
+def trace_explorer(
     traces: Sequence[Trace],
     title: str,
     caption: str,

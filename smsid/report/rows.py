@@ -35,7 +35,7 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class Row:
+class ChartRow:
     """One row: its name, what stands in it, and a value in words at the end; ``band`` is shaded behind."""
 
     name: str
@@ -50,7 +50,7 @@ class RowChart:
     """Rows on one axis. ``legend`` names the series; ``rules`` are values marked across all rows."""
 
     axis: Axis
-    rows: Sequence[Row]
+    rows: Sequence[ChartRow]
     alt: str
     legend: Sequence[tuple[str, int, str]] = ()
     rules: Sequence[tuple[float, str]] = ()

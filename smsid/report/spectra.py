@@ -39,14 +39,14 @@ def spectrum_grid(
 
 def _spectrum(title: str, traces: Sequence[Trace], labels: tuple[str, str]) -> Plot | None:
     marks: list[Curve | Band | Rule] = []
-    after = _pooled(traces, "residual")
+    after = _pool_spectra(traces, "residual")
     if after is None:
         return None
     f, density, averages = after
     low, high = chi2.ppf([0.025, 0.975], 2 * averages) / (2 * averages)
     ends = np.array([f[0], f[-1]])
     marks.append(Band("", ends, np.full(2, low), np.full(2, high), 2))
-    before = _pooled(traces, "before")
+    before = _pool_spectra(traces, "before")
     if before is not None:
         marks.append(Curve(labels[0], before[0], before[1], 1, "thin"))
     marks.append(Curve(labels[1], f, density, 0, "line"))
@@ -56,7 +56,7 @@ def _spectrum(title: str, traces: Sequence[Trace], labels: tuple[str, str]) -> P
     return Plot(x, y, marks, f"spectrum of the residual of {title}, before and after", 170)
 
 
-def _pooled(traces: Sequence[Trace], which: str) -> tuple[np.ndarray, np.ndarray, int] | None:
+def _pool_spectra(traces: Sequence[Trace], which: str) -> tuple[np.ndarray, np.ndarray, int] | None:
     """Return frequencies, mean density relative to white noise, and how many periodograms were averaged."""
     found, f, averages = [], np.zeros(0), 0
     for t in traces:
@@ -72,10 +72,10 @@ def _pooled(traces: Sequence[Trace], which: str) -> tuple[np.ndarray, np.ndarray
     if not found:
         return None
     mean = np.mean(found, axis=0)[1:-1]
-    return *_thinned(f[1:-1], mean), averages
+    return *_thin_spectrum(f[1:-1], mean), averages
 
 
-def _thinned(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _thin_spectrum(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Average neighbours that a logarithmic axis would draw on top of each other."""
     edges = np.geomspace(f[0], f[-1] * (1 + 1e-9), MOST_POINTS)
     place = np.searchsorted(edges, f, side="right")

@@ -13,8 +13,8 @@ from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import half, number, unit
 from smsid.report.parameters import identifiability, parameter_table
-from smsid.report.residuals import explored
-from smsid.report.rows import Mark, Row, RowChart
+from smsid.report.residuals import trace_explorer
+from smsid.report.rows import ChartRow, Mark, RowChart
 from smsid.report.traces import Trace
 
 NOTE = (
@@ -41,7 +41,7 @@ def tank_report(name: str, test: TankTest, found: TankComparison, origin: Proven
         "The force that moves the container, low-passed as it was compared. Below: measured minus fitted, "
         "with twice what is left before the motion. Choose another model to see what it leaves."
     )
-    figure, left = explored(traces, "Force, measured and fitted", caption, labels, first=first,
+    figure, left = trace_explorer(traces, "Force, measured and fitted", caption, labels, first=first,
                             band="± 2 σ at rest", scale="before the motion", note=NOTE)  # fmt: skip
     title, columns = "What every model leaves (choose one to see it above)", ("model", *left.columns[1:])
     left = replace(left, title=title, columns=columns)
@@ -144,7 +144,7 @@ def _lags(test: TankTest, best: TankFit) -> Figure:
         ("by cross-correlation", test.lag.value, test.lag.interval),
     ):
         text = f"{number(1e3 * value, 3)} ms"
-        rows.append(Row(label, (Mark(1e3 * value, 1e3 * low, 1e3 * high),), text))
+        rows.append(ChartRow(label, (Mark(1e3 * value, 1e3 * low, 1e3 * high),), text))
     ends = np.array([*p.interval, *test.lag.interval, 0.0]) * 1e3
     axis = Axis.over("force behind motion [ms]", [ends], room=0.08)
     chart = RowChart(axis, rows, "lag of the force behind the motion, two ways", rules=((0.0, "none"),))

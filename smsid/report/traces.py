@@ -71,7 +71,7 @@ class Traces:
     def upper(self) -> Plot:
         """The trace shown at first, measured and simulated."""
         t = self.traces[self.first]
-        x, (m, s) = _thin(t.time, (t.measured, t.simulated), FIRST)
+        x, (m, s) = _thin_series(t.time, (t.measured, t.simulated), FIRST)
         drawn = m if m is not None else np.full(len(x), np.nan)
         curves = [Curve(self.labels[0], x, drawn, 2, "line")]
         if s is not None:
@@ -85,7 +85,7 @@ class Traces:
         t = self.traces[self.first]
         if t.residual is None:
             return None
-        x, (r, b) = _thin(t.time, (t.residual, t.before), FIRST)
+        x, (r, b) = _thin_series(t.time, (t.residual, t.before), FIRST)
         width = 2.0 * (t.sigma or 0.0)
         marks: list[Curve | Band] = []
         if t.sigma:
@@ -122,7 +122,7 @@ class Traces:
             entry["end"] = float(t.time[-1])
             for key, values in zip("mspb", (t.measured, t.simulated, t.residual, t.before), strict=True):
                 if values is not None:
-                    entry[key] = _packed(values, most)
+                    entry[key] = _pack_series(values, most)
             series.append(entry)
         document = {"clocks": packed, "series": series, "labels": list(self.labels), "first": self.first}
         return json.dumps(document, separators=(",", ":")).replace("<", "\\u003c")
@@ -176,7 +176,7 @@ def _extremes(values: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def _thin(
+def _thin_series(
     time: np.ndarray, series: Sequence[np.ndarray | None], most: int
 ) -> tuple[np.ndarray, list[np.ndarray | None]]:
     """Return times and series with least and largest of each stretch in turn, for a first drawing."""
@@ -186,7 +186,7 @@ def _thin(
     return x, [None if s is None else np.column_stack(_extremes(s, most // 2)).ravel() for s in series]
 
 
-def _packed(values: np.ndarray, most: int) -> dict[str, object]:
+def _pack_series(values: np.ndarray, most: int) -> dict[str, object]:
     """Sixteen bits a value over the series's own span: to 2e-5 of it."""
     low, high = _extremes(values, most)
     found = np.isfinite(low)

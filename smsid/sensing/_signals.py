@@ -99,7 +99,7 @@ def resample(times: FloatArray, values: FloatArray, at: FloatArray, *, attitude:
     return slerp(times, values, at)
 
 
-def given(value: Any) -> bool:
+def is_given(value: Any) -> bool:
     """Return whether a term is there: a number, or one of several, that is not zero."""
     return value is not None and bool(np.any(np.asarray(value, dtype=float) != 0.0))
 
@@ -112,7 +112,7 @@ def fixed_errors(
     Without ``rng`` nothing is drawn.
     """
     fixed = np.array(np.broadcast_to(np.asarray(value, dtype=float), shape[1:]))
-    if rng is None or not given(sigma):
+    if rng is None or not is_given(sigma):
         return fixed
     return fixed + np.asarray(sigma, dtype=float) * rng.standard_normal(shape[1:])
 
@@ -125,7 +125,7 @@ def compose(quaternions: FloatArray, turn: Rotation) -> FloatArray:
     return sign * turned
 
 
-def checked(times: ArrayLike, ideal: ArrayLike, attitude: bool) -> tuple[FloatArray, FloatArray]:
+def check_samples(times: ArrayLike, ideal: ArrayLike, attitude: bool) -> tuple[FloatArray, FloatArray]:
     """Return times (N,) and a copy of the values as arrays; raises `RecordingError` if they are unusable."""
     t: NDArray[np.float64] = np.asarray(times, dtype=float)
     x: NDArray[np.float64] = np.array(ideal, dtype=float)

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from smsid.errors import DescriptionError, RecordingError
 from smsid.sensing._signals import (
     FloatArray,
-    checked,
+    check_samples,
     compose,
     fixed_errors,
     gauss_markov,
-    given,
+    is_given,
     random_walk,
     resample,
     sampling_rate,
@@ -123,9 +123,9 @@ class ErrorModel(BaseModel):
     def _consistent(self) -> ErrorModel:
         if self.noise_density is not None and self.noise_sigma is not None:
             raise ValueError("noise_density and noise_sigma are both given; give one of them")
-        if given(self.bias_instability) and self.bias_correlation_time is None:
+        if is_given(self.bias_instability) and self.bias_correlation_time is None:
             raise ValueError("bias_instability needs bias_correlation_time [s]")
-        if self.bias_correlation_time is not None and not given(self.bias_instability):
+        if self.bias_correlation_time is not None and not is_given(self.bias_instability):
             raise ValueError("bias_correlation_time is given without bias_instability")
         return self
 
@@ -143,17 +143,17 @@ class ErrorModel(BaseModel):
     def not_of_attitude(self) -> tuple[str, ...]:
         """The terms given that have no meaning for an attitude."""
         components = ("components",) if self.components else ()
-        return (*(name for name in _NOT_OF_ATTITUDE if given(getattr(self, name))), *components)
+        return (*(name for name in _NOT_OF_ATTITUDE if is_given(getattr(self, name))), *components)
 
     @property
     def misaligned(self) -> bool:
         """Whether the axes are turned."""
-        return given(self.misalignment) or given(self.misalignment_sigma)
+        return is_given(self.misalignment) or is_given(self.misalignment_sigma)
 
     @property
     def scaled(self) -> bool:
         """Whether the scale is wrong."""
-        return given(self.scale_error) or given(self.scale_slope) or given(self.scale_sigma)
+        return is_given(self.scale_error) or is_given(self.scale_slope) or is_given(self.scale_sigma)
 
     @property
     def limited(self) -> bool:
@@ -218,7 +218,7 @@ class ErrorModel(BaseModel):
                 needed and cannot be told from fewer than two samples.
             DescriptionError: a value per axis does not fit the number of axes, or a term has no meaning here.
         """
-        t, x = checked(times, ideal, attitude)
+        t, x = check_samples(times, ideal, attitude)
         draw = {} if rng is None else dict(zip(_TERMS, rng.spawn(len(_TERMS)), strict=True))
         if not delayed:
             x = self._late(t, x, attitude)
@@ -228,12 +228,12 @@ class ErrorModel(BaseModel):
         x = self._misalign(x, draw.get("misalignment"), attitude)
         x = self._scale(x, draw.get("scale"))
         error = self._biases(t, shape, draw.get("bias"))
-        if draw and given(self.bias_instability) and self.bias_correlation_time is not None:
+        if draw and is_given(self.bias_instability) and self.bias_correlation_time is not None:
             unit = gauss_markov(t, self.bias_correlation_time, shape, draw["markov"])
             error += self.gauss_markov_sigma * unit
-        if draw and given(self.random_walk):
+        if draw and is_given(self.random_walk):
             error += np.asarray(self.random_walk) * random_walk(t, shape, draw["walk"])
-        if draw and (given(self.noise_density) or given(self.noise_sigma)):
+        if draw and (is_given(self.noise_density) or is_given(self.noise_sigma)):
             if rate is None and self.noise_density is not None:
                 rate = sampling_rate(t)
             error += self.white_sigma(1.0 if rate is None else rate) * draw["white"].standard_normal(shape)

@@ -8,7 +8,7 @@ from smsid._lazy import lazy_names
 if TYPE_CHECKING:
     from smsid.inputs.changed import Delayed, Switched
     from smsid.inputs.inputs import Inputs, JointMotion
-    from smsid.inputs.signals import Constant, Fourier, Sampled, Signal, Steps, Sum
+    from smsid.inputs.signals import Constant, Fourier, PiecewiseConstant, Sampled, Signal, Sum
     from smsid.simulate.fixed_step import simulate_closed_loop
     from smsid.simulate.integrate import Tolerance, simulate
     from smsid.simulate.trajectory import States, Trajectory
@@ -20,10 +20,10 @@ __all__ = [
     "Fourier",
     "Inputs",
     "JointMotion",
+    "PiecewiseConstant",
     "Sampled",
     "Signal",
     "States",
-    "Steps",
     "Sum",
     "Switched",
     "Tolerance",

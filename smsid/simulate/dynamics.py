@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.inputs.inputs import Inputs, Prescribed
+from smsid.inputs.inputs import Inputs, PrescribedMotion
 from smsid.inputs.signals import is_held, sample
 from smsid.kernel.arrays import Kernel
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -30,7 +30,7 @@ class Dynamics:
         driven = inputs.driven(model)
         self.applied = driven.applied(model)
         self.breakpoints = tuple(sorted({*driven.breakpoints, *model.breakpoints}))
-        self.prescribed = Prescribed.of(model, inputs)
+        self.prescribed = PrescribedMotion.of(model, inputs)
         self._hybrid_needed = bool(self.prescribed)
         free, given = self.prescribed.free, self.prescribed.index
         self._free, self._given_free = np.ix_(free, free), np.ix_(given, free)

@@ -115,7 +115,7 @@ def _adaptive(
     model: SpacecraftModel, t: float, h: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, audit: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     nv, gain, end = model.nv, np.zeros(7), t + h
-    held, step, stiffness = _Held(model, tau), None, Stiffness()
+    held, step, stiffness = _HeldDynamics(model, tau), None, Stiffness()
     while t < end:
         chart, y = run_chart(held, q, v, t, end, step, TOLERANCE, np.inf, stiffness, None)
         step, t = chart.last_step, chart.stop
@@ -132,7 +132,7 @@ def _adaptive(
 
 
 @dataclass(frozen=True)
-class _Held:
+class _HeldDynamics:
     """Forward dynamics under held generalised forces tau (nv,)."""
 
     model: SpacecraftModel

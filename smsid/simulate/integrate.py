@@ -122,7 +122,7 @@ def initial_state(
             given=q,
         )
     if model.followers is not None:
-        return model.followers.placed(model.pin, normal), model.followers.driven(v)
+        return model.followers.place_followers(model.pin, normal), model.followers.driven(v)
     return normal, v
 
 

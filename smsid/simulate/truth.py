@@ -9,7 +9,7 @@ import numpy as np
 
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import DescriptionError
-from smsid.inputs.inputs import Prescribed
+from smsid.inputs.inputs import PrescribedMotion
 from smsid.inputs.signals import Signal, sample
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
@@ -27,7 +27,7 @@ def truth_of(
     Frames and units as in docs/design.md, section 3. The torque that holds the attitude counts as commanded.
     """
 
-    held = Prescribed.of(trajectory.model, trajectory.inputs).index
+    held = PrescribedMotion.of(trajectory.model, trajectory.inputs).index
 
     def truth(times: np.ndarray) -> dict[str, np.ndarray]:
         states = trajectory.states(times)

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.model.spacecraft import JointGroup, SpacecraftModel, motion_columns
-from smsid.view.drivers import Driver, Frames, VectorDriver, centre_poses
+from smsid.view.drivers import DrawnFrames, Driver, VectorDriver, centre_poses
 from smsid.view.momentum import Momenta
-from smsid.view.motion import Motion
-from smsid.view.parts import Part, move_pose, node_name, z_to
+from smsid.view.motion import DrawnMotion
+from smsid.view.parts import SceneNode, move_pose, node_name, z_to
 from smsid.view.shapes import Color, Cylinder, Material, Mesh
 
 # told apart by those who see colours differently (Okabe and Ito)
@@ -28,11 +28,11 @@ BUS_RING, JOINT_RING, WHEEL_RING = 0.30, 0.28, 0.13
 
 
 def sign_parts(
-    model: SpacecraftModel, paths: dict[int, str], motion: Motion, found: Momenta, radius: float
-) -> list[Part]:
+    model: SpacecraftModel, paths: dict[int, str], motion: DrawnMotion, found: Momenta, radius: float
+) -> list[SceneNode]:
     """Return the signs of all forces, torques and momenta of a motion; ``radius`` [m] is the scene's."""
     bus, root = paths[1 if model.free else 0], paths[0]
-    parts: list[Part] = []
+    parts: list[SceneNode] = []
     if model.free and np.any(motion.force):
         driver = VectorDriver(
             lambda f: f.motion.force, model.thrust_point, _per(ARROW_LENGTH * radius, motion.force)
@@ -40,16 +40,16 @@ def sign_parts(
         parts += _arrow(f"{bus}/thrust", driver, THRUST, "thrust")
     parts += _torques(model, paths, bus, motion, radius)
     parts += _momenta(model, root, found, ARROW_LENGTH * radius)
-    mark, paint = _quartered(MARK_SIZE * radius), Material(shine=0.2, overlay=True, inside=False)
+    mark, paint = _quartered_ball(MARK_SIZE * radius), Material(shine=0.2, overlay=True, inside=False)
     centre = move_pose(found.com[0])
-    return [*parts, Part(f"{root}/com", centre, mark, paint, centre_poses, False, "centre of mass")]
+    return [*parts, SceneNode(f"{root}/com", centre, mark, paint, centre_poses, False, "centre of mass")]
 
 
 def _torques(
-    model: SpacecraftModel, paths: dict[int, str], bus: str, motion: Motion, radius: float
-) -> list[Part]:
+    model: SpacecraftModel, paths: dict[int, str], bus: str, motion: DrawnMotion, radius: float
+) -> list[SceneNode]:
     """Return the bent arrows at the bus, the joints and the wheels; each kind has a scale of its own."""
-    parts: list[Part] = []
+    parts: list[SceneNode] = []
     if model.free and motion.torque is not None and np.any(motion.torque):
         turning = _torque_of("torque", slice(None), np.ones(3))
         driver = VectorDriver(turning, np.zeros(3), _per(BUS_RING * radius, motion.torque))
@@ -68,19 +68,21 @@ def _torques(
     return parts
 
 
-def _torque_of(kind: str, columns: slice | list[int], axis: np.ndarray) -> Callable[[Frames], np.ndarray]:
+def _torque_of(
+    kind: str, columns: slice | list[int], axis: np.ndarray
+) -> Callable[[DrawnFrames], np.ndarray]:
     """Return what gives the torques (N, 3) of a kind over frames: the columns, along an axis (3,)."""
 
-    def torque(frames: Frames) -> np.ndarray:
+    def torque(frames: DrawnFrames) -> np.ndarray:
         values = getattr(frames.motion, kind)
         return np.zeros((len(frames.q), 3)) if values is None else values[:, columns] * axis
 
     return torque
 
 
-def _momenta(model: SpacecraftModel, root: str, found: Momenta, length: float) -> list[Part]:
+def _momenta(model: SpacecraftModel, root: str, found: Momenta, length: float) -> list[SceneNode]:
     """Return the arrows of momentum; full length is what there would be if nothing cancelled."""
-    parts: list[Part] = []
+    parts: list[SceneNode] = []
     if not model.free:
         return parts
     whole, turning = found.telling
@@ -103,21 +105,21 @@ def _per(length: float, vectors: np.ndarray) -> float:
     return length / float(np.linalg.norm(vectors, axis=1).max())
 
 
-def _arrow(path: str, driver: Driver, color: Color, layer: str) -> list[Part]:
+def _arrow(path: str, driver: Driver, color: Color, layer: str) -> list[SceneNode]:
     turn, paint = z_to(np.array([1.0, 0.0, 0.0])), Material(color, unlit=True)
     shaft, head = Cylinder(0.009, 0.84), Cylinder(0.03, 0.18, top=0.0)
     return [
-        Part(path, HIDDEN, driver=driver, layer=layer),
-        Part(f"{path}/shaft", move_pose((0.42, 0.0, 0.0), turn), shaft, paint, shadow=False),
-        Part(f"{path}/head", move_pose((0.91, 0.0, 0.0), turn), head, paint, shadow=False),
+        SceneNode(path, HIDDEN, driver=driver, layer=layer),
+        SceneNode(f"{path}/shaft", move_pose((0.42, 0.0, 0.0), turn), shaft, paint, shadow=False),
+        SceneNode(f"{path}/head", move_pose((0.91, 0.0, 0.0), turn), head, paint, shadow=False),
     ]
 
 
-def _ring(path: str, driver: Driver) -> list[Part]:
+def _ring(path: str, driver: Driver) -> list[SceneNode]:
     paint = Material(TORQUE, unlit=True)
     return [
-        Part(path, HIDDEN, driver=driver, layer="torques"),
-        Part(f"{path}/ring", np.eye(4), _bent_arrow(), paint, shadow=False),
+        SceneNode(path, HIDDEN, driver=driver, layer="torques"),
+        SceneNode(f"{path}/ring", np.eye(4), _bent_arrow(), paint, shadow=False),
     ]
 
 
@@ -145,7 +147,7 @@ def tube_faces(rings: int, sides: int) -> np.ndarray:
     return quads.reshape(-1, 3)
 
 
-def _quartered(radius: float) -> Mesh:
+def _quartered_ball(radius: float) -> Mesh:
     """Return a ball whose octants are dark and light by turns: the usual mark of a centre of mass."""
     n, vertices, faces, colors = 8, [], [], []
     for octant in range(8):
@@ -209,8 +211,8 @@ def tool_positions(model: SpacecraftModel, q: np.ndarray) -> dict[str, np.ndarra
 
 
 def trail_parts(
-    model: SpacecraftModel, root: str, motion: Motion, radius: float, color: Color = TRAIL_COLOR
-) -> tuple[list[Part], list[Trail]]:
+    model: SpacecraftModel, root: str, motion: DrawnMotion, radius: float, color: Color = TRAIL_COLOR
+) -> tuple[list[SceneNode], list[Trail]]:
     """Return a tube for each tool that moves, ``radius`` [m] thick, and what a player needs to grow it."""
     parts, trails = [], []
     for name, way in tool_positions(model, motion.q).items():
@@ -220,7 +222,7 @@ def trail_parts(
         path = f"{root}/trail.{node_name(name)}"
         tube = tube_along(way[chosen], radius)
         parts.append(
-            Part(path, np.eye(4), tube, Material(color, unlit=True), shadow=False, layer="tool trail")
+            SceneNode(path, np.eye(4), tube, Material(color, unlit=True), shadow=False, layer="tool trail")
         )
         trails.append(Trail(path, len(chosen) - 1))
     return parts, trails

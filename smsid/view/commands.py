@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.errors import require
 from smsid.view.look import FIELD_OF_VIEW, fitted_camera
-from smsid.view.parts import Part
+from smsid.view.parts import SceneNode
 from smsid.view.scene import Scene
 from smsid.view.shapes import Box, Cylinder, Lines, Material, Mesh, Shape, Sphere, Stars
 
@@ -122,7 +122,7 @@ def _hex(color: Any) -> int:
     return (r << 16) + (g << 8) + b
 
 
-def _object(part: Part) -> dict[str, Any]:
+def _object(part: SceneNode) -> dict[str, Any]:
     assert part.shape is not None
     geometry, matrix = _geometry(part.shape)
     material = _material(part.shape, part.material)
@@ -200,7 +200,7 @@ def sky_commands(scene: Scene, background: str) -> Iterator[Command]:
     yield _property("/Background", "top_color", list(top))
     yield _property("/Background", "bottom_color", list(bottom))
     if background == "space":
-        stars = Part("sky", np.eye(4), _stars(100.0 * scene.radius))
+        stars = SceneNode("sky", np.eye(4), _stars(100.0 * scene.radius))
         yield {"type": "set_object", "path": SKY, "object": _object(stars)}
     else:
         yield {"type": "delete", "path": SKY}

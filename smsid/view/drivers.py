@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view.momentum import Momenta, momenta
-from smsid.view.motion import Motion
+from smsid.view.motion import DrawnMotion
 from smsid.view.surface import Surface
 
 DEFLECTION = "deflection of appendages drawn"
@@ -40,20 +40,20 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Frames:
+class DrawnFrames:
     """A motion as drawn: q (N, nq) with slosh and wheels scaled, joint poses in their parents.
 
     ``deflection`` q (N, nq) has the deflections scaled; ``motion`` is what is drawn.
     """
 
     model: SpacecraftModel = field(repr=False)
-    motion: Motion = field(repr=False)
+    motion: DrawnMotion = field(repr=False)
     q: np.ndarray
     joints: np.ndarray  # (N, njoints, 4, 4)
     deflection: np.ndarray = field(repr=False)
 
     @classmethod
-    def of(cls, model: SpacecraftModel, motion: Motion, scale: Scale) -> Frames:
+    def of(cls, model: SpacecraftModel, motion: DrawnMotion, scale: Scale) -> DrawnFrames:
         """Return the frames of a motion at a scale."""
         q = np.array(motion.q, dtype=float)
         for joint in model.slosh:
@@ -76,7 +76,7 @@ class Frames:
         return momenta(self.model, self.motion)
 
 
-Driver = Callable[[Frames], np.ndarray]
+Driver = Callable[[DrawnFrames], np.ndarray]
 """Poses (N, 4, 4) of a part over the frames: rotation, translation [m], perhaps scale along its own axes."""
 
 
@@ -85,7 +85,7 @@ def joint_driver(joint: int) -> Driver:
     return lambda frames: frames.joints[:, joint]
 
 
-def centre_poses(frames: Frames) -> np.ndarray:
+def centre_poses(frames: DrawnFrames) -> np.ndarray:
     """Return poses (N, 4, 4) at the centre of mass, in inertial axes."""
     poses = np.tile(np.eye(4), (len(frames.q), 1, 1))
     poses[:, :3, 3] = frames.momenta.com
@@ -102,7 +102,7 @@ class StripDriver:
     q: np.ndarray  # of the modes
     scale: np.ndarray  # modal coordinate = scale * q
 
-    def __call__(self, frames: Frames) -> np.ndarray:
+    def __call__(self, frames: DrawnFrames) -> np.ndarray:
         """Return the strip's poses (N, 4, 4) in surface axes."""
         delta = frames.deflection[:, self.q] * self.scale
         return self.surface.strip_poses(delta, self.strips, np.array([self.index]))[:, 0]
@@ -116,11 +116,11 @@ class VectorDriver:
     ``None`` for the centre of mass.
     """
 
-    vector: Callable[[Frames], np.ndarray]
+    vector: Callable[[DrawnFrames], np.ndarray]
     point: np.ndarray | None
     length_per_unit: float
 
-    def __call__(self, frames: Frames) -> np.ndarray:
+    def __call__(self, frames: DrawnFrames) -> np.ndarray:
         """Return poses (N, 4, 4); without a vector the sign shrinks to nothing."""
         vector = self.vector(frames)
         size = np.linalg.norm(vector, axis=1)

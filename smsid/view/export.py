@@ -22,7 +22,7 @@ from smsid.errors import require
 from smsid.view import arrows
 from smsid.view.arrows import tool_positions
 from smsid.view.commands import Command, scene_commands, sky_commands
-from smsid.view.drivers import DEFLECTION, Frames, StripDriver
+from smsid.view.drivers import DEFLECTION, DrawnFrames, StripDriver
 from smsid.view.look import ASPECT
 from smsid.view.parts import GHOST
 from smsid.view.replay import Companion, Replay
@@ -65,7 +65,7 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
         found = [(view.scene, view.frames), *((c.scene, c.frames) for c in view.companions)]
         bent = [b for s, f in found for b in bending_parts(s, f)]
         commands = list(view.commands(play=False, leave=[p for b in bent for p in b.paths]))
-        facts |= _played(view, bent)
+        facts |= _playback_document(view, bent)
     else:
         commands = list(scene_commands(scene))
     if scene.look.background == "auto":
@@ -87,7 +87,7 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
     return atomic_write(path, text)
 
 
-def _played(view: Replay, bent: list[Bend]) -> dict[str, Any]:
+def _playback_document(view: Replay, bent: list[SurfaceMotion]) -> dict[str, Any]:
     """Return what the page needs to know beyond the drawing, to play it."""
     time, motions = view.motion.time, []
     if view.companions:
@@ -152,7 +152,7 @@ def _packed(command: Command) -> str:
 
 
 @dataclass(frozen=True)
-class Bend:
+class SurfaceMotion:
     """A surface of S strips with M modes over N frames, in surface axes.
 
     ``paths`` (S) of the strips' nodes; ``step`` [m] a strip's length; ``edges`` (S + 1, M, 3) [m] movement of
@@ -167,7 +167,7 @@ class Bend:
     delta: np.ndarray
 
 
-def bending_parts(scene: Scene, frames: Frames) -> list[Bend]:
+def bending_parts(scene: Scene, frames: DrawnFrames) -> list[SurfaceMotion]:
     """Return what bends in a scene, over the frames; appendages without modes do not."""
     strips: dict[str, list[tuple[str, StripDriver]]] = {}
     for part in scene.parts:
@@ -181,7 +181,7 @@ def bending_parts(scene: Scene, frames: Frames) -> list[Bend]:
         delta = frames.motion.q[:, driver.q] * driver.scale
         edges = surface.displacement(step * np.arange(count + 1))
         twist = surface.twist(step * (np.arange(count) + 0.5))
-        found.append(Bend(tuple(path for path, _ in drawn), step, edges, twist, delta))
+        found.append(SurfaceMotion(tuple(path for path, _ in drawn), step, edges, twist, delta))
     return found
 
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.view.motion import Motion
+from smsid.view.motion import DrawnMotion
 from smsid.view.recorded import slopes
 
 SAMPLED = 200  # frames of a motion that its largest momenta are sought in
@@ -41,7 +41,7 @@ class Momenta:
         return self.linear_noise <= NOISY, self.angular_noise <= NOISY
 
 
-def momenta(model: SpacecraftModel, motion: Motion) -> Momenta:
+def momenta(model: SpacecraftModel, motion: DrawnMotion) -> Momenta:
     """Return centre of mass and momenta; velocities that are not known are differentiated from q."""
     v = slopes(model, motion.time, motion.q) if motion.v is None else motion.v
     data, count = model.pin.createData(), len(motion.q)

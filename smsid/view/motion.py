@@ -21,7 +21,7 @@ Source = Trajectory | States | Recording
 
 @short_repr
 @dataclass(frozen=True)
-class Motion:
+class DrawnMotion:
     """Configurations q (N, nq) at evenly spaced times (N,) [s], and the thrust (N, 3) in body axes [N].
 
     ``notes`` says what the source did not tell and what therefore stays at rest. ``v`` (N, nv) are velocities
@@ -43,7 +43,7 @@ class Motion:
 
 def motion_of(
     model: SpacecraftModel, source: Source, step: float, max_frames: int, *, times: np.ndarray | None = None
-) -> Motion:
+) -> DrawnMotion:
     """Return the motion sampled every ``step`` [s], or coarser when that makes more than ``max_frames``.
 
     With ``times`` (N,) [s] it is sampled then; before its start and after its end it stands still.
@@ -76,7 +76,7 @@ def motion_of(
 
     force = found.tau[:, :3] if model.free else np.zeros((len(found.time), 3))
     torque = tau[:, 3:6] - np.cross(model.thrust_point, force) if model.free else np.zeros_like(force)
-    return Motion(
+    return DrawnMotion(
         times,
         _between(model, found, times),
         at(force),

@@ -13,7 +13,7 @@ from smsid.model.spacecraft import SloshJoint, SpacecraftModel
 from smsid.model.stations import station_indices
 from smsid.view.drivers import Driver, StripDriver
 from smsid.view.look import Look
-from smsid.view.motion import Motion
+from smsid.view.motion import DrawnMotion
 from smsid.view.shapes import (
     Box,
     Color,
@@ -44,7 +44,7 @@ WHEEL_SIZE = (0.21, 0.159)  # [m], [kg m^2]: radius drawn for a spin inertia; ot
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class SceneNode:
     """A node of the scene: its path below the root, and its pose (4, 4) in the parent node (with scale).
 
     A part without shape groups others; one with a driver moves. ``layer`` names what a viewer may switch off,
@@ -85,16 +85,16 @@ def hidden_points(model: SpacecraftModel) -> list[np.ndarray]:
     return [model.pin.jointPlacements[j].translation for j in joints if model.pin.parents[j] == bus]
 
 
-def visual_parts(parent: str, geometry: Any, inside: list[np.ndarray], opacity: float) -> list[Part]:
+def visual_parts(parent: str, geometry: Any, inside: list[np.ndarray], opacity: float) -> list[SceneNode]:
     """Return a URDF visual, see-through with any of the points (3,) [m] inside."""
     found = shape_of(geometry)
     if found is None:
         return []
     path = f"{parent}/{node_name(geometry.name)}"
-    return _hull(Part(path, geometry.placement.homogeneous, *found), inside, opacity)
+    return _hull(SceneNode(path, geometry.placement.homogeneous, *found), inside, opacity)
 
 
-def _hull(part: Part, inside: list[np.ndarray], opacity: float) -> list[Part]:
+def _hull(part: SceneNode, inside: list[np.ndarray], opacity: float) -> list[SceneNode]:
     """Return a part; with any of the points (3,) [m] inside it is see-through, the edges of a box drawn."""
     assert part.shape is not None
     place = np.linalg.inv(part.pose)
@@ -102,13 +102,13 @@ def _hull(part: Part, inside: list[np.ndarray], opacity: float) -> list[Part]:
         return [part]
     clear = replace(part.material, opacity=opacity * part.material.opacity)
     edges = box_edges(part.shape.size) if isinstance(part.shape, Box) else None
-    more = [] if edges is None else [Part(f"{part.path}/edges", np.eye(4), edges, EDGE)]
+    more = [] if edges is None else [SceneNode(f"{part.path}/edges", np.eye(4), edges, EDGE)]
     return [replace(part, material=clear, shadow=False), *more]
 
 
 def inertia_parts(
     model: SpacecraftModel, paths: dict[int, str], shown: set[int], inside: list[np.ndarray], opacity: float
-) -> list[Part]:
+) -> list[SceneNode]:
     """Return boxes of inertia of bodies without visuals, the bus's see-through by points (3,) [m] inside."""
     bus = 1 if model.free else 0
     drawn = shown | {int(j) for j in model.wheels.joints} | {s.joint for s in model.slosh}
@@ -118,12 +118,12 @@ def inertia_parts(
         if joint in drawn or joint == 0 or inertia.mass <= 0.0:
             continue
         size, pose = inertia_box(inertia)
-        drawn_box = Part(f"{path}/inertia", pose, Box((size[0], size[1], size[2])), LINK)
+        drawn_box = SceneNode(f"{path}/inertia", pose, Box((size[0], size[1], size[2])), LINK)
         parts += _hull(drawn_box, inside if joint == bus else [], opacity)
     return parts
 
 
-def wheel_parts(model: SpacecraftModel, paths: dict[int, str]) -> list[Part]:
+def wheel_parts(model: SpacecraftModel, paths: dict[int, str]) -> list[SceneNode]:
     """Return the discs of the wheels without a link of their own; those at one point are drawn apart."""
     parts = []
     wheels = [w for w in model.description.wheel if w.joint is None]
@@ -134,14 +134,14 @@ def wheel_parts(model: SpacecraftModel, paths: dict[int, str]) -> list[Part]:
         disc = f"{paths[model.pin.getJointId(wheel.name)]}/disc"
         # a wheel moved along its own axis still spins in place
         pose = move_pose(-1.7 * radius * axis if shared else np.zeros(3), z_to(axis))
-        parts.append(Part(disc, pose, Cylinder(radius, 0.4 * radius), WHEEL))
+        parts.append(SceneNode(disc, pose, Cylinder(radius, 0.4 * radius), WHEEL))
         stripe = ((0.5 * radius, 0.0, 0.0), (0.9 * radius, 0.2 * radius, 0.46 * radius), MARK.color)
         hub = ((0.0, 0.0, 0.0), (0.3 * radius, 0.3 * radius, 0.6 * radius), (0.2, 0.21, 0.24))
-        parts.append(Part(f"{disc}/mark", np.eye(4), boxes_mesh([stripe, hub])))
+        parts.append(SceneNode(f"{disc}/mark", np.eye(4), boxes_mesh([stripe, hub])))
     return parts
 
 
-def slosh_factor(model: SpacecraftModel, motion: Motion, look: Look) -> float:
+def slosh_factor(model: SpacecraftModel, motion: DrawnMotion, look: Look) -> float:
     """Return how many times larger slosh is drawn, so that no ball leaves the largest tank it may have."""
     needed = [
         look.slosh_factor * _reach(motion, slosh) / ((LARGEST_TANK / TANK_MARGIN - 1.0) * _ball(slosh))
@@ -150,7 +150,9 @@ def slosh_factor(model: SpacecraftModel, motion: Motion, look: Look) -> float:
     return look.slosh_factor / max(1.0, *np.ceil(needed)) if needed else look.slosh_factor
 
 
-def tank_parts(model: SpacecraftModel, paths: dict[int, str], motion: Motion, factor: float) -> list[Part]:
+def tank_parts(
+    model: SpacecraftModel, paths: dict[int, str], motion: DrawnMotion, factor: float
+) -> list[SceneNode]:
     """Return the slosh masses as balls of fuel, each in a tank that is wide enough for its motion."""
     parts = []
     for slosh in model.slosh:
@@ -158,8 +160,10 @@ def tank_parts(model: SpacecraftModel, paths: dict[int, str], motion: Motion, fa
         tank = max(1.7 * ball, TANK_MARGIN * (ball + factor * _reach(motion, slosh)))
         parent = paths[model.pin.parents[slosh.joint]]
         rest = model.pin.jointPlacements[slosh.joint].homogeneous
-        parts.append(Part(f"{parent}/{node_name(slosh.name)}.tank", rest, Sphere(tank), TANK, shadow=False))
-        parts.append(Part(f"{paths[slosh.joint]}/ball", np.eye(4), Sphere(ball), FUEL))
+        parts.append(
+            SceneNode(f"{parent}/{node_name(slosh.name)}.tank", rest, Sphere(tank), TANK, shadow=False)
+        )
+        parts.append(SceneNode(f"{paths[slosh.joint]}/ball", np.eye(4), Sphere(ball), FUEL))
     return parts
 
 
@@ -168,18 +172,18 @@ def _ball(slosh: SloshJoint) -> float:
     return float((3.0 * slosh.tank.mass / (4.0 * np.pi * WATER)) ** (1.0 / 3.0))
 
 
-def _reach(motion: Motion, slosh: SloshJoint) -> float:
+def _reach(motion: DrawnMotion, slosh: SloshJoint) -> float:
     return float(np.linalg.norm(motion.q[:, slosh.q], axis=1).max())
 
 
 def appendage_parts(
     model: SpacecraftModel, appendage: AppendageJoints, paths: dict[int, str], look: Look
-) -> tuple[list[Part], list[str]]:
+) -> tuple[list[SceneNode], list[str]]:
     """Return an appendage's strips and accelerometer marks, and a remark if it cannot bend on screen."""
     effect = appendage.appendage
     surface = surface_of(effect)
     path = f"{paths[appendage.parent]}/{node_name(effect.name)}"
-    parts = [Part(path, appendage.placement.homogeneous @ surface.frame)]
+    parts = [SceneNode(path, appendage.placement.homogeneous @ surface.frame)]
     q = np.array([model.pin.joints[j].idx_q for j in appendage.joints], dtype=int)
     marks = _marked_stations(model, appendage) if look.sensors else np.zeros((0, 3))
     local = (marks - surface.frame[:3, 3]) @ surface.frame[:3, :3]
@@ -189,17 +193,19 @@ def appendage_parts(
         driver = StripDriver(surface, look.strips, k, q, np.asarray(appendage.scale))
         rest = move_pose(((k + 0.5) * step, 0.0, 0.0))
         strip = f"{path}/strip{k:02d}"
-        parts.append(Part(strip, rest, solar_strip(surface, look.strips, k), Material(shine=0.7), driver))
+        parts.append(
+            SceneNode(strip, rest, solar_strip(surface, look.strips, k), Material(shine=0.7), driver)
+        )
         for i in np.flatnonzero(owner == k):
             size = 0.014 * surface.length
             at = local[i] - rest[:3, 3] + [0.0, 0.0, 0.5 * size + 0.5 * surface.thickness]
             mark = Box((size, size, size))
-            parts.append(Part(f"{strip}/station{i}", move_pose(at), mark, MARK, layer="sensors"))
+            parts.append(SceneNode(f"{strip}/station{i}", move_pose(at), mark, MARK, layer="sensors"))
     rigid = surface.rigid and len(appendage.joints) > 0
     return parts, [f"'{effect.name}' has no mode shapes: drawn rigid"] if rigid else []
 
 
-def sensor_parts(model: SpacecraftModel, bus: str) -> list[Part]:
+def sensor_parts(model: SpacecraftModel, bus: str) -> list[SceneNode]:
     """Return a frame of three coloured bars at each place where a pose sensor or IMU sits."""
     parts, places = [], set()
     for sensor in model.description.sensor:
@@ -213,7 +219,7 @@ def sensor_parts(model: SpacecraftModel, bus: str) -> list[Part]:
         ]
         pose = move_pose(sensor.position, sensor.rotation)
         path = f"{bus}/{node_name(sensor.name)}.frame"
-        parts.append(Part(path, pose, boxes_mesh(bars), Material(shine=0.0), layer="sensors"))
+        parts.append(SceneNode(path, pose, boxes_mesh(bars), Material(shine=0.0), layer="sensors"))
     return parts
 
 
@@ -238,9 +244,9 @@ VEIL = Material(GHOST, opacity=0.30, shine=0.2, inside=False)
 LEFT_OUT = ("centre of mass", "sensors")
 
 
-def as_overlay(parts: Iterable[Part]) -> list[Part]:
+def as_overlay(parts: Iterable[SceneNode]) -> list[SceneNode]:
     """Return parts as a ghost's: what would only confuse left out, trails as they are."""
-    found: list[Part] = []
+    found: list[SceneNode] = []
     hulls = tuple(p.path for p in parts if p.shape is not None and p.material.opacity < 1.0)
     for part in parts:
         if part.layer in LEFT_OUT or part.path.startswith(hulls) or isinstance(part.shape, Lines):

@@ -13,14 +13,14 @@ from smsid.errors import RecordingError
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
-from smsid.view.motion import Motion, grid, interpolate
+from smsid.view.motion import DrawnMotion, grid, interpolate
 
 logger = logging.getLogger(__name__)
 
 
 def recorded_motion(
     model: SpacecraftModel, rec: Recording, step: float, max_frames: int, times: np.ndarray | None = None
-) -> Motion:
+) -> DrawnMotion:
     """Return the motion of a recording, every ``step`` [s] or at ``times`` (N,) [s].
 
     What it does not tell stays at rest and is named in the notes. Before its start and after its end it
@@ -79,7 +79,7 @@ def recorded_motion(
         return interpolate(*samples, at) if samples is not None and fits else None
 
     force = applied("force", 3)
-    return Motion(
+    return DrawnMotion(
         wanted,
         q,
         np.zeros((len(at), 3)) if force is None else force,

@@ -13,9 +13,9 @@ from smsid._short_repr import short_repr
 from smsid.errors import SmsidError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view.commands import PREFIX, Command, animation_command, part_commands, scene_commands
-from smsid.view.drivers import Frames
+from smsid.view.drivers import DrawnFrames
 from smsid.view.look import Look, across, fitted_camera
-from smsid.view.motion import Motion, Source, motion_of
+from smsid.view.motion import DrawnMotion, Source, motion_of
 from smsid.view.scene import ROOT, Scene, build_scene, fitting_scale
 
 MAX_FRAMES = 4000
@@ -30,8 +30,8 @@ class Companion:
     """Another motion of the same spacecraft, played with the first: over it as a ghost, or beside it."""
 
     scene: Scene
-    motion: Motion
-    frames: Frames
+    motion: DrawnMotion
+    frames: DrawnFrames
     label: str
 
 
@@ -45,8 +45,8 @@ class Replay:
     """
 
     scene: Scene
-    motion: Motion
-    frames: Frames
+    motion: DrawnMotion
+    frames: DrawnFrames
     frame_rate: float
     speed: float
     companions: tuple[Companion, ...] = ()
@@ -138,17 +138,17 @@ def replay(
     for k, ((name, _), other) in enumerate(zip(beside, others, strict=True), start=1):
         drawn = build_scene(model, other, look, scale=scale, root=f"{ROOT}_{k}", ghost=layout == "ghost")
         shift = k * aside if layout == "beside" else np.zeros(3)
-        drawn = _moved(drawn, shift)
-        companions.append(Companion(drawn, other, Frames.of(model, other, scale), name))
+        drawn = _move_root(drawn, shift)
+        companions.append(Companion(drawn, other, DrawnFrames.of(model, other, scale), name))
         corners.append(drawn.corners)
         notes += [f"{name}: {note}" for note in other.notes]
     scene = replace(scene, corners=np.concatenate(corners), notes=tuple(notes))
-    frames = Frames.of(model, motion, scale)
+    frames = DrawnFrames.of(model, motion, scale)
     rate = speed / float(motion.time[1] - motion.time[0]) if len(motion.time) > 1 else speed
     return Replay(scene, motion, frames, rate, speed, tuple(companions), label, layout)
 
 
-def _moved(scene: Scene, shift: np.ndarray) -> Scene:
+def _move_root(scene: Scene, shift: np.ndarray) -> Scene:
     """Return a scene whose root stands elsewhere (3,) [m]."""
     pose = scene.parts[0].pose.copy()
     pose[:3, 3] += shift

@@ -11,11 +11,11 @@ from smsid._short_repr import short_repr
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view import parts as make
 from smsid.view.arrows import Trail, sign_parts, trail_parts
-from smsid.view.drivers import Frames, Scale, joint_driver
+from smsid.view.drivers import DrawnFrames, Scale, joint_driver
 from smsid.view.look import Look
 from smsid.view.momentum import momenta
-from smsid.view.motion import Motion
-from smsid.view.parts import GHOST, Part, as_overlay
+from smsid.view.motion import DrawnMotion
+from smsid.view.parts import GHOST, SceneNode, as_overlay
 from smsid.view.visuals import visuals_of
 
 ROOT = "spacecraft"
@@ -36,8 +36,8 @@ class Scene:
 
     model: SpacecraftModel
     look: Look
-    parts: tuple[Part, ...]
-    rest: Frames
+    parts: tuple[SceneNode, ...]
+    rest: DrawnFrames
     scale: Scale
     corners: np.ndarray
     notes: tuple[str, ...]
@@ -62,18 +62,18 @@ class Scene:
         """Half the diagonal of the extent [m]."""
         return float(np.linalg.norm(np.ptp(self.corners, axis=0)) / 2)
 
-    def part(self, path: str) -> Part:
+    def part(self, path: str) -> SceneNode:
         """Return a part by its path; raises KeyError."""
         return {p.path: p for p in self.parts}[path]
 
-    def poses(self, frames: Frames) -> dict[str, np.ndarray]:
+    def poses(self, frames: DrawnFrames) -> dict[str, np.ndarray]:
         """Return the poses (N, 4, 4) in parent axes of every moving part, by path."""
         return {p.path: p.driver(frames) for p in self.parts if p.driver is not None}
 
 
 def build_scene(
     model: SpacecraftModel,
-    motion: Motion | None = None,
+    motion: DrawnMotion | None = None,
     look: Look | None = None,
     *,
     scale: Scale | None = None,
@@ -96,17 +96,17 @@ def build_scene(
         DescriptionError: a mesh of the URDFs is missing.
     """
     look = look or Look()
-    still = Motion(np.zeros(1), model.home[None], np.zeros((1, 3)))
+    still = DrawnMotion(np.zeros(1), model.home[None], np.zeros((1, 3)))
     motion = motion or still
     scale = scale or fitting_scale(model, (motion,), look)
     visual = visuals_of(model)
     paths = joint_paths(model, root)
     bus = 1 if model.free else 0
     inside = make.hidden_points(model)
-    parts: list[Part] = []
+    parts: list[SceneNode] = []
     for joint, path in paths.items():
         placed = np.eye(4) if joint == 0 else model.pin.jointPlacements[joint].homogeneous
-        parts.append(Part(path, placed, driver=joint_driver(joint) if joint else None))
+        parts.append(SceneNode(path, placed, driver=joint_driver(joint) if joint else None))
     for geometry in visual.geometryObjects:
         parent = geometry.parentJoint
         see_through = look.hull_opacity if parent == bus else 1.0
@@ -122,8 +122,8 @@ def build_scene(
         notes += remark
     if look.sensors and not ghost:
         parts += make.sensor_parts(model, paths[bus])
-    rest = Frames.of(model, still, scale)
-    corners = _corners(parts, Frames.of(model, _sampled(model, motion, look), scale))
+    rest = DrawnFrames.of(model, still, scale)
+    corners = _corners(parts, DrawnFrames.of(model, _sample_frames(model, motion, look), scale))
     scene = Scene(model, look, tuple(parts), rest, scale, corners, (*notes, *motion.notes))
     trails: list[Trail] = []
     if look.trail:
@@ -143,7 +143,7 @@ def build_scene(
     return replace(scene, parts=tuple(parts), trails=tuple(trails))
 
 
-def fitting_scale(model: SpacecraftModel, motions: Sequence[Motion], look: Look) -> Scale:
+def fitting_scale(model: SpacecraftModel, motions: Sequence[DrawnMotion], look: Look) -> Scale:
     """Return the scale that suits all motions: no fuel leaves its tank, no wheel seems to run backwards."""
     slosh = min(make.slosh_factor(model, m, look) for m in motions)
     return Scale(slosh, look.panel_factor, min(_wheel_factor(model, m) for m in motions))
@@ -159,16 +159,16 @@ def joint_paths(model: SpacecraftModel, root: str = ROOT) -> dict[int, str]:
     return paths
 
 
-def _sampled(model: SpacecraftModel, motion: Motion, look: Look) -> Motion:
+def _sample_frames(model: SpacecraftModel, motion: DrawnMotion, look: Look) -> DrawnMotion:
     """Return a few frames of a motion, where the camera sees them."""
     chosen = np.unique(np.linspace(0, len(motion.time) - 1, FITTED_FRAMES).astype(int))
     q = motion.q[chosen].copy()
     if look.follow and model.free:
         q[:, :3] = model.home[:3]
-    return Motion(motion.time[chosen], q, motion.force[chosen])
+    return DrawnMotion(motion.time[chosen], q, motion.force[chosen])
 
 
-def world_poses(parts: Iterable[Part], frames: Frames) -> dict[str, np.ndarray]:
+def world_poses(parts: Iterable[SceneNode], frames: DrawnFrames) -> dict[str, np.ndarray]:
     """Return the poses (N, 4, 4) in inertial axes of every part, by path."""
     world: dict[str, np.ndarray] = {}
     for part in parts:
@@ -177,7 +177,7 @@ def world_poses(parts: Iterable[Part], frames: Frames) -> dict[str, np.ndarray]:
     return world
 
 
-def _corners(parts: list[Part], frames: Frames) -> np.ndarray:
+def _corners(parts: list[SceneNode], frames: DrawnFrames) -> np.ndarray:
     """Return the corners (K, 3) [m] of the extents of all shapes in all frames."""
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     world, found = world_poses(parts, frames), [np.zeros((1, 3))]
@@ -189,7 +189,7 @@ def _corners(parts: list[Part], frames: Frames) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _wheel_factor(model: SpacecraftModel, motion: Motion) -> float:
+def _wheel_factor(model: SpacecraftModel, motion: DrawnMotion) -> float:
     columns = [
         k
         for j, k in zip(model.wheels.joints, model.wheels.q, strict=True)

@@ -98,8 +98,12 @@ def surface_of(appendage: Appendage) -> Surface:
             twists.append((s, slope))
         rows.append((s, mean))
     rigid = not rows or not modes
-    bent = _constant(np.zeros((modes, 3))) if rigid else _clamped(root, rows, np.zeros((modes, 3)), order=1)
-    turned = _constant(still) if rigid or not twists else _clamped(root, twists, still, order=2)
+    bent = (
+        _constant(np.zeros((modes, 3)))
+        if rigid
+        else _clamped_spline(root, rows, np.zeros((modes, 3)), order=1)
+    )
+    turned = _constant(still) if rigid or not twists else _clamped_spline(root, twists, still, order=2)
     return Surface(frame, float(size[0]), float(size[1]), float(size[2]), bent, turned, rigid)
 
 
@@ -122,7 +126,9 @@ def _constant(value: np.ndarray) -> Field:
     return lambda x: np.broadcast_to(value, (len(x), *value.shape))
 
 
-def _clamped(root: float, rows: list[tuple[float, np.ndarray]], zero: np.ndarray, *, order: int) -> Field:
+def _clamped_spline(
+    root: float, rows: list[tuple[float, np.ndarray]], zero: np.ndarray, *, order: int
+) -> Field:
     """Spline through the rows, zero at the root with its derivative of that order; straight past the end."""
     at = np.array([root, *(s for s, _ in rows)])
     values = np.array([zero, *(v for _, v in rows)])

@@ -107,11 +107,11 @@ def export_video(
         rate = {"fps": fps} if target.suffix.lower() == ".mp4" else {"duration": 1000.0 / fps}
         made = Path(place) / f"film{target.suffix.lower()}"
         # a window has a frame even where nobody sees it, and browsers differ in how much of it that takes
-        probe = imageio.imread(_drawn(browser, page, times[:1], size, Path(place))[0])
+        probe = imageio.imread(_draw_frames(browser, page, times[:1], size, Path(place))[0])
         window = (2 * size[0] - probe.shape[1], 2 * size[1] - probe.shape[0])
         with imageio.get_writer(made, **options, **rate) as film:
             for first in range(0, count, BATCH):
-                for picture in _drawn(browser, page, times[first : first + BATCH], window, Path(place)):
+                for picture in _draw_frames(browser, page, times[first : first + BATCH], window, Path(place)):
                     film.append_data(imageio.imread(picture)[..., :3])
                 logger.info("%d of %d pictures", min(first + BATCH, count), count)
         shutil.copyfile(made, temporary)
@@ -131,7 +131,9 @@ def found_browser() -> str:
     )
 
 
-def _drawn(browser: str, page: str, times: np.ndarray, size: tuple[int, int], folder: Path) -> list[bytes]:
+def _draw_frames(
+    browser: str, page: str, times: np.ndarray, size: tuple[int, int], folder: Path
+) -> list[bytes]:
     """Return the pictures (PNG) of a page at times [s]."""
     script = SCRIPT.replace("TIMES", json.dumps([float(t) for t in times]))
     watched = folder / "film.html"

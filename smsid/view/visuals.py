@@ -49,7 +49,7 @@ def shape_of(geometry: Any) -> tuple[Shape, Material] | None:
         case coal.BVHModelBase():
             mesh = _triangles(body)
             if not geometry.overrideMaterial and Path(geometry.meshPath).suffix.lower() == ".dae":
-                mesh = _coloured(mesh, Path(geometry.meshPath), np.asarray(geometry.meshScale))
+                mesh = _coloured_triangles(mesh, Path(geometry.meshPath), np.asarray(geometry.meshScale))
             return mesh, material
     logger.warning("visual '%s' is a %s, which is not drawn", geometry.name, type(body).__name__)
     return None
@@ -60,7 +60,7 @@ def _triangles(body: Any) -> Mesh:
     return Mesh(np.array(body.vertices()), faces)
 
 
-def _coloured(mesh: Mesh, path: Path, scale: np.ndarray) -> Mesh:
+def _coloured_triangles(mesh: Mesh, path: Path, scale: np.ndarray) -> Mesh:
     """Return the file's own triangles with colours if they fill the same space as Pinocchio's, else those."""
     for up_axis in (False, True):
         try:

@@ -11,7 +11,7 @@ from smsid.arm import identify_arm, with_joint_effects
 from smsid.cli.app import app
 from smsid.description import Description, load_description
 from smsid.diagnose import diagnose
-from smsid.effects.spatial import Motion, turns
+from smsid.effects.spatial import FrameMotion, turns
 from smsid.errors import RecordingError
 from smsid.model import build_model
 from smsid.model.column_order import order_columns
@@ -51,7 +51,7 @@ def log(rng, still=False, idle=False):
 def test_jacobians_and_regressors_of_one_joint_are_matrices(tmp_path, kind):
     model = build_model(axis(tmp_path, kind))
     assert turns(model.pin, 1) == (kind != "prismatic")
-    jacobian, velocity, _ = Motion(model.pin, 1).at(model.home, np.ones(1))
+    jacobian, velocity, _ = FrameMotion(model.pin, 1).at(model.home, np.ones(1))
     assert jacobian.shape == (6, 1)
     np.testing.assert_allclose(jacobian[:, 0], velocity)
     rows = Regressor(model).generalised_momentum(model.home[None], np.ones((1, 1)))

@@ -63,7 +63,7 @@ def test_every_way_to_tear_the_last_line_is_mended(path: Path, prepared: Prepare
         path.write_bytes(whole[:cut])
         assert [r.run for r in read_store(path)[1]] == [0]
         with CampaignStore(path, prepared) as store:
-            assert store.pending(3) == [1, 2]
+            assert store.pending_runs(3) == [1, 2]
             store.add(good(1))
         assert path.read_bytes() == whole
 
@@ -150,7 +150,7 @@ def test_more_runs_and_another_note_are_the_same_campaign(
     fill(path, prepared, good(0))
     more = prepare(load_campaign(make_plan(runs=99, note="continued")))
     with CampaignStore(path, more) as store:
-        assert len(store.pending(99)) == 98
+        assert len(store.pending_runs(99)) == 98
 
 
 def test_other_versions_are_told(
@@ -168,10 +168,10 @@ def test_no_run_is_counted_twice(path: Path, prepared: PreparedCampaign) -> None
     with CampaignStore(path, prepared) as store:
         assert not store.add(good(0, 2.0))
         assert store.failed == (1,)
-        assert store.pending(3) == [2]
-        assert store.pending(3, retry_failed=True) == [1, 2]
+        assert store.pending_runs(3) == [2]
+        assert store.pending_runs(3, retry_failed=True) == [1, 2]
         store.add(good(1))
-        assert store.failed == () and store.pending(2) == []
+        assert store.failed == () and store.pending_runs(2) == []
     content = path.read_bytes()
     path.write_bytes(
         content + good(0, 3.0).model_dump_json().encode() + b"\n" + bad(1).model_dump_json().encode() + b"\n"

@@ -14,8 +14,8 @@ import typer
 from typer.testing import CliRunner
 
 from smsid.cli.app import COMMANDS, app, main
-from smsid.cli.errors import Outcome, mannered
-from smsid.cli.output import counting, warn, working
+from smsid.cli.errors import Outcome, with_output_options
+from smsid.cli.output import show_progress, show_spinner, warn
 from smsid.errors import SmsidError
 
 
@@ -200,7 +200,7 @@ def test_wrong_words_are_told_with_the_page_of_help(call):
 
 def invoked(function: Any, *words: str) -> Any:
     alone = typer.Typer(add_completion=False)
-    alone.command()(mannered(function))
+    alone.command()(with_output_options(function))
     return CliRunner().invoke(alone, words)
 
 
@@ -238,7 +238,7 @@ def test_errors_go_into_the_json_with_their_advice():
 
 def test_progress_and_warnings_keep_off_stdout(capsys, monkeypatch):
     def work() -> Outcome:
-        with working("thinking") as tell, counting("counting", 3.0, "s") as count:
+        with show_spinner("thinking") as tell, show_progress("counting", 3.0, "s") as count:
             logging.getLogger("smsid.test").info("half way")
             tell("nearly")
             count(2.0)

@@ -16,7 +16,7 @@ import pytest
 
 from smsid.cli.app import main
 from smsid.cli.file_kind import SHOWN, kind_of
-from smsid.cli.output import clipped, told
+from smsid.cli.output import clip_line, note_lines
 from smsid.description.robots import robot_urdf
 from smsid.errors import SmsidError
 from smsid.identify.estimate import load_estimate
@@ -282,14 +282,14 @@ def test_what_is_a_page_or_a_log_is_told(tmp_path):
 def test_notes_of_one_kind_are_one_line():
     notes = [f"exp{k}: noise of imu.rate{n} as its residuals show it: 0.1" for k in (1, 2) for n in range(9)]
     sets = [f"only in combination: link{k}.m, bus.m (changing link{k}.m by +1 kg)" for k in range(9)]
-    lines = told([*notes, *sets, "something else", "something else"])
+    lines = note_lines([*notes, *sets, "something else", "something else"])
     assert len(lines) == 3 and max(map(len, lines)) <= COLUMNS
     assert "18 channels of exp1, exp2" in lines[0] and "9 sets" in lines[1] and "link1.m" in lines[1]
     assert lines[2] == "note: something else"
-    assert len(told([*notes, *sets], everything=True)) == 27
+    assert len(note_lines([*notes, *sets], everything=True)) == 27
     both = [f"'exp{k}' contradicts the other recordings (p = 1e-9): bus.m 1 against 2" for k in (1, 2)]
-    assert told(both)[0].startswith("note: exp1, exp2 contradict each other")
-    assert told(both[:1])[0] == f"note: {both[0]}"
-    many = told(f"note {k}" for k in range(30))
+    assert note_lines(both)[0].startswith("note: exp1, exp2 contradict each other")
+    assert note_lines(both[:1])[0] == f"note: {both[0]}"
+    many = note_lines(f"note {k}" for k in range(30))
     assert len(many) == 6 and many[-1] == "note: 25 more with --all"
-    assert len(clipped("x" * 500)) <= COLUMNS
+    assert len(clip_line("x" * 500)) <= COLUMNS

@@ -16,7 +16,7 @@ import typer
 
 from smsid._files import atomic_write, protect_inputs
 from smsid.cli.app import COMMANDS, main
-from smsid.cli.diagnose import _extended_beside
+from smsid.cli.diagnose import _extended_path
 from smsid.cli.places import Writes, option_name, output_marks
 from smsid.description import load_description, save_description
 from smsid.errors import OutputError
@@ -320,11 +320,11 @@ def test_a_writer_refuses_an_input_that_no_check_knew_of(tmp_path):
 
 def test_a_second_diagnosis_leaves_the_extended_description_of_the_first(tmp_path):
     first, second = tmp_path / "first.json", tmp_path / "second.json"
-    assert _extended_beside(first) == (tmp_path / "extended.toml",)
+    assert _extended_path(first) == (tmp_path / "extended.toml",)
     save_description(load_description(urdf_folder() / "paper_sms.toml"), tmp_path / "extended.toml")
     first.write_text("{}")
-    assert _extended_beside(first) == (tmp_path / "extended.toml",)  # its own is replaced
-    assert _extended_beside(second) == (tmp_path / "second.extended.toml",)
+    assert _extended_path(first) == (tmp_path / "extended.toml",)  # its own is replaced
+    assert _extended_path(second) == (tmp_path / "second.extended.toml",)
 
 
 def test_a_recording_is_not_converted_over_the_log_it_was_imported_from(tmp_path, monkeypatch, capsys):

@@ -9,7 +9,7 @@ import ctrlsys
 import numpy as np
 import pinocchio as pin
 
-from smsid.control.closed_loop import Actuators, Tracking, starting_point, tracking_of
+from smsid.control.closed_loop import Actuators, TrackingRun, starting_point, tracking_of
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import BodyTerms, ReducedDynamics
 from smsid.control.sensed import measured_truth
@@ -67,7 +67,7 @@ def slicot_norm(s: StateSpace) -> float:
 
 def track_continuously(
     model: SpacecraftModel, controller: ModelBasedController, *, dt: float, duration: float | None = None
-) -> Tracking:
+) -> TrackingRun:
     """Fly with the exact state fed back continuously: the controller is part of the state derivative.
 
     Fourth-order Runge-Kutta with steps of ``dt`` [s], no limits; without robust term, whose state is sampled.

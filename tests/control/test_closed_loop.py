@@ -19,7 +19,7 @@ from smsid.control.attitude import attitude_error, attitude_errors
 from smsid.control.closed_loop import Actuators, disturbance, left_out, sensor_noise, track
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics, perturbed
+from smsid.control.reduced import ReducedDynamics, perturb_bodies
 from smsid.control.robust_term import design_robust_term
 from smsid.control.sensed import SensedState, measured_truth
 from smsid.control.trajectory import Motion, Reference, minimum_jerk, trapezoid
@@ -38,7 +38,7 @@ PAPER = Reference(trapezoid(START), ATTITUDE)
 def pd(model, reference=SHORT, level=0.0, **options) -> ModelBasedController:
     dynamics = ReducedDynamics(model)
     if level:
-        dynamics = perturbed(dynamics, level, np.random.default_rng(0), "signs")
+        dynamics = perturb_bodies(dynamics, level, np.random.default_rng(0), "signs")
     return ModelBasedController(dynamics, gains(dynamics.size, 4.0, 4.0), reference, **options)
 
 
@@ -273,7 +273,7 @@ def test_disturbance_of_a_run_closes_the_error_dynamics():
     """A known disturbance: the model's joint torques scaled by parameters that are all 10 % too small."""
     model = rigid_paper()
     dynamics = ReducedDynamics(model)
-    small = perturbed(dynamics, 0.1, _always(-1.0), "common")
+    small = perturb_bodies(dynamics, 0.1, _always(-1.0), "common")
     law = ModelBasedController(small, gains(6, 4.0, 4.0), SHORT)
     run = track_continuously(model, law, dt=0.02)
     middle = np.abs(run.time - 0.15) < 0.1  # while Coriolis terms are still nothing
@@ -302,12 +302,12 @@ def test_perturbed_models_stay_physical_and_within_the_level():
     dynamics = ReducedDynamics(paper())
     exact = dynamics.body_terms(np.zeros(3), START, np.zeros(3)).inertia
     for seed in range(20):
-        common = perturbed(dynamics, 0.2, np.random.default_rng(seed), "common")
+        common = perturb_bodies(dynamics, 0.2, np.random.default_rng(seed), "common")
         ratio = np.linalg.eigvals(
             np.linalg.solve(exact, common.body_terms(np.zeros(3), START, np.zeros(3)).inertia)
         )
         assert np.abs(ratio - 1.0).max() <= 0.2 + 1e-3
-        other = perturbed(dynamics, 0.2, np.random.default_rng(seed), "uniform")
+        other = perturb_bodies(dynamics, 0.2, np.random.default_rng(seed), "uniform")
         assert np.linalg.eigvalsh(other.body_terms(np.zeros(3), START, np.zeros(3)).inertia).min() > 0.0
         assert np.abs(other.body_terms(np.zeros(3), START, np.zeros(3)).inertia - exact).max() > 1.0
     np.testing.assert_array_equal(dynamics.body_terms(np.zeros(3), START, np.zeros(3)).inertia, exact)
@@ -326,8 +326,11 @@ def test_perturbed_models_stay_physical_and_within_the_level():
             lambda: sensor_noise([Sensor(name="pose", kind="pose", rate=10.0)], 3, 100.0, 1.0),
             r"No noise is stated of attitude, measured by 'pose'.*errors\.attitude",
         ),
-        (lambda: perturbed(ReducedDynamics(paper()), 1.0, np.random.default_rng(0)), "not in"),
-        (lambda: perturbed(ReducedDynamics(paper()), 0.1, np.random.default_rng(0), "x"), "no way to draw"),
+        (lambda: perturb_bodies(ReducedDynamics(paper()), 1.0, np.random.default_rng(0)), "not in"),
+        (
+            lambda: perturb_bodies(ReducedDynamics(paper()), 0.1, np.random.default_rng(0), "x"),
+            "no way to draw",
+        ),
         (
             lambda: track(
                 paper(), pd(paper(), Reference(SHORT.joints, (0.0, 1.56, 0.0)), coordinates="euler")

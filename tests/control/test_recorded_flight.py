@@ -13,7 +13,7 @@ from smsid.cli.simulate import simulate_command
 from smsid.control.closed_loop import Actuators, track
 from smsid.control.controller_file import load_controller, save_controller
 from smsid.control.design import DesignRequest, design
-from smsid.control.pd import Measured
+from smsid.control.pd import MeasuredState
 from smsid.control.recorded_flight import fly_controlled
 from smsid.control.trajectory import Reference, minimum_jerk
 from smsid.description import load_description
@@ -67,7 +67,7 @@ def test_what_is_recorded_is_what_the_controller_read(saved):
     for k in range(60):
         t = k / RATE
         now = {q: values[np.searchsorted(clocks[q], t + 1e-6) - 1] for q, values in channels.items()}
-        seen = Measured(
+        seen = MeasuredState(
             pin.Quaternion(np.asarray(now["attitude"], dtype=float)).toRotationMatrix(),
             *(now[q] for q in ("angular_rate", "joint_position", "joint_velocity", "wheel_rate")),
         )

@@ -10,7 +10,7 @@ from control_cases import paper, rigid_paper
 from smsid.control.closed_loop import Actuators
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics, perturbed
+from smsid.control.reduced import ReducedDynamics, perturb_bodies
 from smsid.control.robust import (
     closed_loop_matrix,
     flexible_plant,
@@ -35,7 +35,7 @@ def inertia_of(dynamics):
 def test_poles_are_those_of_the_nonlinear_closed_loop():
     """Central differences of the complete spacecraft under the controller; conserved quantities add zeros."""
     model = paper()
-    dynamics = perturbed(ReducedDynamics(model), 0.2, np.random.default_rng(0), "signs")
+    dynamics = perturb_bodies(ReducedDynamics(model), 0.2, np.random.default_rng(0), "signs")
     k = gains(6, 0.64, 1.0)
     law = ModelBasedController(dynamics, k, Reference(minimum_jerk(HOME, HOME, 1.0)))
     act, nv, h = Actuators(model, 0.01), model.nv, 1e-6

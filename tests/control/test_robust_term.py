@@ -11,13 +11,13 @@ from control_cases import slicot_norm
 from smsid.control.gains import Gains, gains
 from smsid.control.robust_term import design_robust_term, error_plant, rigid_loop
 from smsid.control.statespace import StateSpace, hinf_norm, lower_lft
-from smsid.control.weights import Weights, in_band, weights_from_level
+from smsid.control.weights import DesignWeights, in_band, weights_from_level
 from smsid.errors import ControlError
 
 CROSSOVER = 10.0
 
 
-def weights(n=6, level=0.05, **changes) -> Weights:
+def weights(n=6, level=0.05, **changes) -> DesignWeights:
     base = {
         "left_out": 1e-4,
         "angle_noise": in_band(np.full(n, 3e-5), 100.0, CROSSOVER),
@@ -47,7 +47,7 @@ def test_gamma_one_is_reached_and_confirmed():
 
 def test_a_design_at_the_edge_of_what_rounding_lets_through_is_found():
     """Gains tuned to the paper's spacecraft: two per cent above the least bound, the norm is 1.000006."""
-    own = Weights(
+    own = DesignWeights(
         np.array([1.2525781547724253e-06]),
         np.array([7.56939756606048e-06]) / np.sqrt(0.18),
         np.array([7.56939756606048e-07]) / np.sqrt(0.18),
@@ -208,7 +208,7 @@ def test_better_sensors_never_promise_less(pair):
     bounds = []
     for sigma in (1e-4, 1e-5, 1e-6, 2e-7, 1e-8, 1e-10, 1e-13):
         noise = in_band(np.full(4, sigma), 20.0, CROSSOVER)
-        own = Weights(np.full(4, 2e-6), noise, noise, 0.05, CROSSOVER)
+        own = DesignWeights(np.full(4, 2e-6), noise, noise, 0.05, CROSSOVER)
         block = design_robust_term(gains(4, *pair), own).blocks[0]
         assert block.synthesis.norm <= 1.0 + 1e-6
         bounds.append(block.error[0])

@@ -85,7 +85,7 @@ def test_balancing_changes_units_of_states_only():
     )
     t = np.array([1e-7, 1.0, 1e6, 1e3])
     odd = StateSpace(plain.a * t / t[:, None], plain.b / t[:, None], plain.c * t, plain.d)
-    even, omega = odd.balanced(), np.array([0.1, 1.0, 10.0])
+    even, omega = odd.balance_states(), np.array([0.1, 1.0, 10.0])
     np.testing.assert_allclose(even.response(omega), plain.response(omega), rtol=1e-9)
     sizes = np.linalg.norm(even.b, axis=1)
     assert (
@@ -95,6 +95,8 @@ def test_balancing_changes_units_of_states_only():
         < np.ptp(np.linalg.norm(odd.b, axis=1)) / np.linalg.norm(odd.b, axis=1).min()
     )
     assert (
-        StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))).balanced().order
+        StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
+        .balance_states()
+        .order
         == 0
     )

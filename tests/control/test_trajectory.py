@@ -9,7 +9,7 @@ from control_cases import paper
 from smsid.control.trajectory import (
     Motion,
     Reference,
-    Shaped,
+    ShapedMotion,
     check_joints,
     design_motion,
     minimum_jerk,
@@ -24,7 +24,7 @@ START, STOP = np.array([0.4, -0.6, 0.9]), np.array([0.9, 0.1, -0.2])
 MOTIONS = {
     "trapezoid": trapezoid(START),
     "minimum jerk": minimum_jerk(START, STOP, 60.0),
-    "shaped": Shaped(trapezoid(START), shaper("zvd", [0.065, 0.3], 0.005)),
+    "shaped": ShapedMotion(trapezoid(START), shaper("zvd", [0.065, 0.3], 0.005)),
 }
 
 
@@ -85,7 +85,7 @@ def test_a_shaped_trapezoid_leaves_its_mode_at_rest(kind):
     f, zeta = 0.065, 0.005
     omega = 2 * np.pi * f
     plain = trapezoid(np.zeros(1), phases=(17.0, 11.0, 17.0, 0.0))
-    shaped = Shaped(plain, shaper(kind, [f], zeta))
+    shaped = ShapedMotion(plain, shaper(kind, [f], zeta))
 
     def left(motion):
         dt, state = 0.01, np.zeros(2)

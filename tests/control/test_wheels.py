@@ -42,7 +42,7 @@ def test_the_null_space_is_used_before_the_direction_suffers():
         asked = rng.standard_normal(3)
         asked *= 3.0 / np.linalg.norm(asked)
         least = PYRAMID.inverse @ asked
-        best = np.abs(PYRAMID._spread(-least)).max()
+        best = np.abs(PYRAMID._least_share_torques(-least)).max()
         assert best <= np.abs(least).max() + 1e-12
         if best < 2.0 < np.abs(least).max():
             used += 1

@@ -46,10 +46,10 @@ def turned(model):
 
 def test_user_limits_reach_what_they_are_for(model, turned):
     limits = Limits(pointing=0.01, wheel_torque=0.5, wheel_rate=1.0, stroke=1e-6, joint_rate=0.1)
-    broken = {u.quantity for u in limits.broken(limits.use(model, turned, False))}
+    broken = {u.quantity for u in limits.violations(limits.use(model, turned, False))}
     assert {"turn of the bus", "torque of wheel_x", "rate of wheel_x", "stroke of tank"} <= broken
     assert not any("joint" in name for name in broken)
-    assert not Limits().broken(Limits().use(model, turned, False))
+    assert not Limits().violations(Limits().use(model, turned, False))
 
 
 def test_the_tighter_limit_counts(model, turned):
@@ -69,8 +69,8 @@ def test_turn_of_the_bus(model, turned):
 
 def test_margin_is_left():
     use = LimitUse("stroke of tank", 0.49, 0.5, "m")
-    assert not Limits(margin=0.02).broken([use])
-    assert Limits(margin=0.03).broken([use]) == (use,)
+    assert not Limits(margin=0.02).violations([use])
+    assert Limits(margin=0.03).violations([use]) == (use,)
 
 
 @pytest.mark.parametrize("bad", [{"stroke": 0.0}, {"tip": -1.0}, {"margin": 1.0}, {"force": float("nan")}])

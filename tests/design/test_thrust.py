@@ -59,7 +59,7 @@ def test_slope_is_that_of_differences(space, goal, thrust):
     for criterion in ("worst", "A", "D"):
         own = goal.by(criterion)
         _, weight = own.cost_and_weight(covariance)
-        slope = space.pulled(jacobian, weight, covariance)
+        slope = space.cost_gradient(jacobian, weight, covariance)
         way = np.random.default_rng(0).normal(size=thrust.shape)
         up, down = (own.cost(space.covariance(thrust + h * way)[0]) for h in (1e-3, -1e-3))
         assert np.sum(slope * way) == pytest.approx((up - down) / 2e-3, rel=1e-4), criterion

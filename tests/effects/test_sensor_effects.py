@@ -19,7 +19,7 @@ from smsid.effects import (
     SensorDelay,
     SensorMisalignment,
     SensorScale,
-    Stuck,
+    StuckChannel,
     TimeOffset,
 )
 from smsid.errors import DescriptionError
@@ -78,7 +78,7 @@ def test_components_by_name_or_number(paper: Description, component, quantity, n
     effects = (
         SensorBias(name="b", sensor=name, quantity=quantity, component=component, bias=0.5),
         SensorScale(name="s", sensor=name, quantity=quantity, component=component, error=0.1),
-        Stuck(name="t", sensor=name, quantity=quantity, component=component, start=2.0),
+        StuckChannel(name="t", sensor=name, quantity=quantity, component=component, start=2.0),
     )
     found = sensor(paper, name, *effects).measure(quantity, times, still * times[:, None], None)
     expected = still * times[:, None]
@@ -102,7 +102,7 @@ def test_joint_names_of_an_arm_that_lists_none_are_read_from_its_urdf(urdf: Path
 
 
 def test_one_accelerometer_of_the_panel(paper: Description) -> None:
-    stuck = Stuck(name="s", sensor="panel", quantity="acceleration", station=1, start=2.0)
+    stuck = StuckChannel(name="s", sensor="panel", quantity="acceleration", station=1, start=2.0)
     found = sensor(paper, "panel", stuck).measure(
         "acceleration", np.arange(4.0), np.ones((4, 3, 3)) * np.arange(4.0)[:, None, None], None
     )

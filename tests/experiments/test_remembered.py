@@ -37,8 +37,8 @@ def craft(urdf: Path, **changed: object) -> SpacecraftModel:
 
 
 def test_the_same_spacecraft_gets_the_same_to_the_last_bit(urdf: Path, search: Search):
-    first = named.remembered(craft(urdf), "exp2", search)
-    assert named.remembered(craft(urdf), "exp2", search) == first == Search()()
+    first = named.load_or_search(craft(urdf), "exp2", search)
+    assert named.load_or_search(craft(urdf), "exp2", search) == first == Search()()
     assert search.runs == 1
 
 
@@ -64,25 +64,25 @@ def heavier(urdf: Path) -> SpacecraftModel:
 
 @pytest.mark.parametrize("what", CHANGES)
 def test_what_differs_is_searched_anew(urdf: Path, search: Search, what: str):
-    named.remembered(craft(urdf), "exp2", search)
-    named.remembered(*CHANGES[what](urdf), search)
+    named.load_or_search(craft(urdf), "exp2", search)
+    named.load_or_search(*CHANGES[what](urdf), search)
     assert search.runs == 2
 
 
 def test_other_code_searches_anew(urdf: Path, search: Search, monkeypatch: pytest.MonkeyPatch):
-    named.remembered(craft(urdf), "exp2", search)
+    named.load_or_search(craft(urdf), "exp2", search)
     monkeypatch.setattr(named, "_code", lambda: "another")
-    named.remembered(craft(urdf), "exp2", search)
+    named.load_or_search(craft(urdf), "exp2", search)
     assert search.runs == 2
 
 
 @pytest.mark.parametrize("spoilt", ["", "{", '{"name": "found"}'])
 def test_a_file_that_is_not_whole_is_replaced(urdf: Path, search: Search, tmp_path: Path, spoilt: str):
-    found = named.remembered(craft(urdf), "exp2", search)
+    found = named.load_or_search(craft(urdf), "exp2", search)
     (file,) = (tmp_path / "kept" / "experiments").iterdir()
     file.write_text(spoilt)
     for _ in range(2):
-        assert named.remembered(craft(urdf), "exp2", search) == found
+        assert named.load_or_search(craft(urdf), "exp2", search) == found
     assert search.runs == 2
 
 
@@ -93,5 +93,5 @@ def test_where_nothing_can_be_kept_it_is_found_all_the_same(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv(named.FOLDER, str(tmp_path / "file") if where == "a file is there" else "")
     for _ in range(2):
-        assert named.remembered(craft(urdf), "exp2", search).name == "found"
+        assert named.load_or_search(craft(urdf), "exp2", search).name == "found"
     assert search.runs == 2

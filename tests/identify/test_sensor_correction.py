@@ -11,7 +11,7 @@ from smsid.effects.sensor_errors import (
     SensorBias,
     SensorMisalignment,
     SensorScale,
-    Stuck,
+    StuckChannel,
     TimeOffset,
 )
 from smsid.identify.clocks import event_times
@@ -79,7 +79,7 @@ def test_what_sensors_make_of_a_truth_is_undone():
 
 
 def test_a_stuck_channel_is_not_a_number():
-    stuck = Stuck(name="s", sensor="encoder", quantity="joint_position", component=2, start=2.0)
+    stuck = StuckChannel(name="s", sensor="encoder", quantity="joint_position", component=2, start=2.0)
     sensors = twin.description().with_effects(stuck).effective_sensors()
     found = correct_readings(truth(), sensors)["encoder.joint_position"]
     bad = np.isnan(found)

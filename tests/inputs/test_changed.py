@@ -18,9 +18,9 @@ from smsid.simulate import (
     Delayed,
     Fourier,
     Inputs,
+    PiecewiseConstant,
     Sampled,
     Signal,
-    Steps,
     Sum,
     Switched,
     simulate,
@@ -28,7 +28,7 @@ from smsid.simulate import (
 
 RNG = np.random.default_rng(0)
 SERIES = Fourier(0.1, RNG.normal(size=(2, 3)), RNG.normal(size=(2, 3)), RNG.normal(size=2))
-STEPS = Steps((0.0, 3.0, 6.0), RNG.normal(size=(3, 2)))
+STEPS = PiecewiseConstant((0.0, 3.0, 6.0), RNG.normal(size=(3, 2)))
 SAMPLED = Sampled.from_samples(np.linspace(2.0, 12.0, 30), RNG.normal(size=(30, 2)))
 
 

@@ -9,19 +9,19 @@ from hypothesis import strategies as st
 
 from smsid.errors import ExperimentError
 from smsid.inputs.signals import merge, sample
-from smsid.simulate import Constant, Fourier, Sampled, Steps, Sum
+from smsid.simulate import Constant, Fourier, PiecewiseConstant, Sampled, Sum
 
 RNG = np.random.default_rng(0)
 TIMES = np.array([0.0, 0.5, 1.25, 2.0, 2.5, 3.5, 4.0])
 SIGNALS = {
     "constant": Constant(np.array([1.0, -2.0])),
-    "steps": Steps((0.5, 1.0, 3.0), RNG.standard_normal((3, 2))),
+    "steps": PiecewiseConstant((0.5, 1.0, 3.0), RNG.standard_normal((3, 2))),
     "fourier": Fourier(0.3, RNG.standard_normal((2, 4)), RNG.standard_normal((2, 4)), RNG.standard_normal(2)),
     "held": Sampled.from_samples(TIMES, RNG.standard_normal((7, 2)), 0),
     "linear": Sampled.from_samples(TIMES, RNG.standard_normal((7, 2)), 1),
     "cubic": Sampled.from_samples(TIMES, RNG.standard_normal((7, 2)), 3),
     "quintic": Sampled.from_samples(TIMES, RNG.standard_normal((7, 2)), 5),
-    "sum": Sum((Constant(np.ones(2)), Steps((1.0, 2.0), RNG.standard_normal((2, 2))))),
+    "sum": Sum((Constant(np.ones(2)), PiecewiseConstant((1.0, 2.0), RNG.standard_normal((2, 2))))),
 }
 times = st.floats(0.0, 4.0)
 
@@ -83,12 +83,12 @@ def test_what_is_held_jumps_at_its_samples_by_any_clock():
     """0.01 k and k / 100 are the same time, though they often differ in their last digit."""
     knots, clock, values = 0.01 * np.arange(2000), np.arange(2000) / 100, np.arange(2000.0)[:, None]
     assert np.any(clock < knots)
-    for signal in (Sampled.from_samples(knots, values, 0), Steps(tuple(knots), values)):
+    for signal in (Sampled.from_samples(knots, values, 0), PiecewiseConstant(tuple(knots), values)):
         np.testing.assert_array_equal(sample(signal, clock), values)
 
 
 def test_steps_and_held_samples_take_the_right_limit():
-    steps = Steps((1.0, 2.0), np.array([[3.0], [4.0]]))
+    steps = PiecewiseConstant((1.0, 2.0), np.array([[3.0], [4.0]]))
     assert [steps(t)[0] for t in (0.0, np.nextafter(1.0, 0.0), 1.0, 1.5, 2.0, 9.0)] == [0, 0, 3, 3, 4, 4]
     held = Sampled.from_samples(np.array([1.0, 2.0, 3.0]), np.array([3.0, 4.0, 5.0]), 0)
     assert [held(t)[0] for t in (1.0, np.nextafter(2.0, 0.0), 2.0, 3.0, 3.5)] == [3, 3, 4, 5, 5]
@@ -106,10 +106,10 @@ def test_the_derivative_of_a_linear_signal_jumps_at_its_samples():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Steps((0.0, 0.0), np.ones((2, 1))),
-        lambda: Steps((0.0, np.nan), np.ones((2, 1))),
-        lambda: Steps((0.0, 1.0), np.ones((3, 1))),
-        lambda: Steps((0.0, 1.0), np.ones(2)),
+        lambda: PiecewiseConstant((0.0, 0.0), np.ones((2, 1))),
+        lambda: PiecewiseConstant((0.0, np.nan), np.ones((2, 1))),
+        lambda: PiecewiseConstant((0.0, 1.0), np.ones((3, 1))),
+        lambda: PiecewiseConstant((0.0, 1.0), np.ones(2)),
         lambda: Sampled.from_samples(np.array([0.0, 1.0]), np.array([1.0, np.nan])),
         lambda: Sampled.from_samples(np.array([0.0, 1.0, 1.0, 2.0]), np.ones(4)),
         lambda: Sampled.from_samples(np.array([0.0, 1.0, 2.0]), np.ones(3), 3),

@@ -10,7 +10,7 @@ from smsid.control.closed_loop import Actuators, track, track_many
 from smsid.control.compiled_flight import CompiledFlight
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics, perturbed
+from smsid.control.reduced import ReducedDynamics, perturb_bodies
 from smsid.control.robust_term import design_robust_term
 from smsid.control.sensed import SensedState
 from smsid.control.trajectory import Reference, minimum_jerk
@@ -36,7 +36,7 @@ def law(model, k, robust=None, *, far=0.4, coordinates="quaternion", seed=0):
         minimum_jerk(home, home + far, SECONDS),
         minimum_jerk(np.zeros(3), [0.2, -0.1, 0.3], SECONDS),
     )
-    dynamics = perturbed(d, 0.1, np.random.default_rng(seed), "uniform")
+    dynamics = perturb_bodies(d, 0.1, np.random.default_rng(seed), "uniform")
     return ModelBasedController(
         dynamics, k, Reference(joints, base=base), robust=robust, period=1.0 / RATE, coordinates=coordinates
     )

@@ -9,7 +9,7 @@ from smsid.effects import JointFriction
 from smsid.errors import SimulationError
 from smsid.kernel.arrays import Kernel, arrays_of
 from smsid.model import build_model
-from smsid.simulate import Inputs, Sampled, Steps, Tolerance, simulate, simulate_closed_loop
+from smsid.simulate import Inputs, PiecewiseConstant, Sampled, Tolerance, simulate, simulate_closed_loop
 from smsid.simulate.held_chart import HeldChart
 from smsid.simulate.held_step import held_step, take_held_steps
 
@@ -24,7 +24,7 @@ def held(model, seconds, rate, seed=0):
         torque = rng.uniform(-2.0, 2.0, (len(times), len(model.arm_joints)))
         given["joint_torque"] = Sampled.from_samples(times, torque, degree=0)
     if model.free:
-        given["force"] = Steps((0.5, 1.25), rng.uniform(-5.0, 5.0, (2, 3)))
+        given["force"] = PiecewiseConstant((0.5, 1.25), rng.uniform(-5.0, 5.0, (2, 3)))
     return Inputs(**given)
 
 

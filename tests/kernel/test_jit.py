@@ -23,9 +23,9 @@ from smsid.kernel import jit, tree
 from smsid.kernel.arrays import Kernel
 from smsid.model import build_model
 from smsid.paths import urdf_folder
-from smsid.simulate import Inputs, Steps, simulate
+from smsid.simulate import Inputs, PiecewiseConstant, simulate
 model = build_model(load_description(urdf_folder() / "paper_sms.toml"))
-inputs = Inputs(joint_torque=Steps(tuple(0.02 * k for k in range(50)), np.ones((50, 3))))
+inputs = Inputs(joint_torque=PiecewiseConstant(tuple(0.02 * k for k in range(50)), np.ones((50, 3))))
 print(type(Kernel.of(model)).__name__, simulate(model, inputs, 1.0).states(np.array([1.0])).v[0, 3].hex())
 """
 HIDDEN = "import sys; sys.modules['numba'] = None"

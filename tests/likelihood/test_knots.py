@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import chi2
 
 from smsid.description import Description, load_description
-from smsid.description.draft import Draft, draft_arm
+from smsid.description.draft import CraftDraft, draft_arm
 from smsid.estimation.batch_check import batch_contradictions
 from smsid.experiments import fly, named_experiment
 from smsid.likelihood import Refinement, fisher_information, refine
@@ -38,7 +38,7 @@ SEEDS = (2, 3, 4)
 @pytest.fixture(scope="module")
 def craft(tmp_path_factory) -> Description:
     """A bus of 200 kg with an arm of 150 kg and a panel whose third mode the arm's motion excites."""
-    draft = Draft("craft", (draft_arm(str(twin.URDF / "arm3.urdf")),), 4, 0, (6.0, 3.0), 200.0, 1.0)
+    draft = CraftDraft("craft", (draft_arm(str(twin.URDF / "arm3.urdf")),), 4, 0, (6.0, 3.0), 200.0, 1.0)
     folder = tmp_path_factory.mktemp("craft")
     (folder / "craft_bus.urdf").write_text(draft.urdf())
     (folder / "craft.toml").write_text(draft.toml())

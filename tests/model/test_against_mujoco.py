@@ -18,7 +18,7 @@ from twins.state import State
 
 from smsid.description import load_description
 from smsid.model import SpacecraftModel, build_model
-from smsid.simulate import Fourier, Inputs, Steps, simulate, truth_of
+from smsid.simulate import Fourier, Inputs, PiecewiseConstant, simulate, truth_of
 
 Case = tuple[SpacecraftModel, Spacecraft]
 URDF = Path(__file__).parents[2] / "urdf"
@@ -104,7 +104,7 @@ def test_thrust_experiment():
     RK4 at 10 ms leaves 3e-7 on the panel's acceleration: mode 3 at 5 rad/s, stepped at 0, 20 and 40 s.
     """
     model = build_model(load_description(URDF / "paper_sms.toml"))
-    force = Steps((0.0, 20.0, 40.0), np.array([[0, 0, 40.0], [0, 0, -40.0], [0, 0, 0.0]]))
+    force = PiecewiseConstant((0.0, 20.0, 40.0), np.array([[0, 0, 40.0], [0, 0, -40.0], [0, 0, 0.0]]))
     inputs = Inputs(force=force, hold_attitude=True, lock_joints=True, lock_wheels=True)
     trajectory = simulate(model, inputs, 120.0)
     drive, start = exp1((0, 0, 1))

@@ -9,7 +9,7 @@ import pytest
 from smsid.description.urdf_check import read_urdf
 from smsid.description.urdf_reading import parse_urdf
 from smsid.errors import DescriptionError
-from smsid.model.load import check_built
+from smsid.model.load import check_against_urdf
 
 URDF = """<robot name="r">
 <link name="bus"><inertial><mass value="10"/>
@@ -60,7 +60,7 @@ SPOILT = {
 
 
 def test_as_built_it_is_the_file(built):
-    check_built(*built, free=True)
+    check_against_urdf(*built, free=True)
 
 
 @pytest.mark.parametrize("case", SPOILT)
@@ -69,7 +69,7 @@ def test_what_differs_is_named(built, case):
     spoil, expected = SPOILT[case]
     spoil(model)
     with pytest.raises(DescriptionError) as caught:
-        check_built(model, reading, free=True)
+        check_against_urdf(model, reading, free=True)
     for piece in expected:
         assert piece in str(caught.value)
 
@@ -78,7 +78,7 @@ def test_another_axis_is_named(built):
     _, reading = built
     model = pin.buildModelFromXML(URDF.replace("1 1 0", "1 1 1"), pin.JointModelFreeFlyer())
     with pytest.raises(DescriptionError, match=r"Joint 'turn'.*<axis>"):
-        check_built(model, reading, free=True)
+        check_against_urdf(model, reading, free=True)
 
 
 def test_moments_are_compared(built):
@@ -87,4 +87,4 @@ def test_moments_are_compared(built):
     theta[4] += 1e-6
     model.inertias[2] = pin.Inertia.FromDynamicParameters(theta)
     with pytest.raises(DescriptionError, match=r"Link 'arm'.*<inertia>"):
-        check_built(model, reading, free=True)
+        check_against_urdf(model, reading, free=True)

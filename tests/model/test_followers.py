@@ -71,7 +71,7 @@ def test_accelerations_are_those_of_mimic_joints_of_pinocchio(tmp_path):
         full_q[:7], full_v[:6], full_tau[:6] = q[:7], v[:6], tau[:6]
         for k, name in enumerate(names):
             full_q[at[name] + 1], full_v[at[name]], full_tau[at[name]] = q[7 + k], v[6 + k], tau[6 + k]
-        full_q, full_v = model.followers.placed(model.pin, full_q), model.followers.driven(full_v)
+        full_q, full_v = model.followers.place_followers(model.pin, full_q), model.followers.driven(full_v)
         found = model.acceleration(0.0, full_q, full_v, full_tau)
         assert found[[*range(6), at["j1"], at["j2"]]] == pytest.approx(wanted, abs=1e-11)
         assert found[[at["j3"], at["j4"]]] == pytest.approx([0.1 * found[at["j1"]], -0.5 * found[at["j1"]]])
@@ -104,7 +104,7 @@ def test_followers_follow_and_take_no_energy(kind, tmp_path):
 def test_the_linear_model_of_the_filter_is_its_derivative(tmp_path):
     model = build_model(craft(tmp_path))
     process, rng, still = ProcessModel(model, np.zeros(0, dtype=int)), np.random.default_rng(1), 1e-6
-    q = model.followers.placed(
+    q = model.followers.place_followers(
         model.pin, pin.integrate(model.pin, model.home, 0.3 * rng.normal(size=model.nv))
     )
     v, tau = model.followers.driven(0.3 * rng.normal(size=model.nv)), rng.normal(size=model.nv)
@@ -172,7 +172,9 @@ def test_what_leads_may_stand_still(tmp_path):
     arm = {"name": "arm", "home": {"j1": 0.4}, "fixed": ["j1"]}
     model = build_model(craft(tmp_path, arm=[arm]))
     assert model.arm_joints.names == ("j2",) and model.followers is None
-    q = whole.followers.placed(whole.pin, whole.set_joint_angles(whole.home, np.array([0.4, 0.0, 0.0, 0.0])))
+    q = whole.followers.place_followers(
+        whole.pin, whole.set_joint_angles(whole.home, np.array([0.4, 0.0, 0.0, 0.0]))
+    )
     for one, at in ((whole, q), (model, model.home)):
         pin.framesForwardKinematics(one.pin, one.data, at)
     ends = [m.data.oMf[m.pin.getFrameId("d", pin.BODY)].homogeneous for m in (whole, model)]

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from smsid.cli.control import control_command
 from smsid.control.controller_file import load_controller
-from smsid.control.reduced import ReducedDynamics, perturbed
+from smsid.control.reduced import ReducedDynamics, perturb_bodies
 from smsid.description import load_description
 from smsid.errors import ControlError
 from smsid.model import SpacecraftModel, build_model
@@ -95,7 +95,7 @@ def test_flights_in_threads_are_those_flown_alone(controller):
 
 def test_case_d_flies_with_the_models_given():
     exact = ReducedDynamics(paper())
-    wrong = perturbed(exact, 0.2, np.random.default_rng(0))
+    wrong = perturb_bodies(exact, 0.2, np.random.default_rng(0))
     study = Study(paper(), Variant(rate=10.0, noise=0.0), identified=(exact, wrong))
     good, bad = study.fly_many(cases()[0], "pd", (0, 1))
     assert bad.joints > 5.0 * good.joints

@@ -7,7 +7,7 @@ from smsid.report.axes import Axis
 from smsid.report.heat import HeatCell, HeatMap
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text
 from smsid.report.plot import Band, Curve, Plot, Rule
-from smsid.report.rows import Bar, Mark, Row, RowChart
+from smsid.report.rows import Bar, ChartRow, Mark, RowChart
 from smsid.report.traces import Trace, Traces
 
 HOSTILE = '</script><script>alert("x")</script> & "quoted" \'single\''
@@ -36,7 +36,10 @@ def report(origin: Provenance) -> Report:
     x = np.linspace(0.0, 10.0, 50)
     marks = (Band("band", x, x - 1, x + 1, 2), Curve("line", x, x), Curve("rings", x, x, 1, "rings"))
     plot = Plot(Axis.over("x", [x]), Axis.over("y", [x]), (*marks, Rule("at", 5.0)), "a plot")
-    rows = (Row("mass", (Bar(0.1), Mark(0.02, 0.01, 0.03)), "± 10 %", (0.01, 0.1)), Row("far", (Mark(1e9),)))
+    rows = (
+        ChartRow("mass", (Bar(0.1), Mark(0.02, 0.01, 0.03)), "± 10 %", (0.01, 0.1)),
+        ChartRow("far", (Mark(1e9),)),
+    )
     chart = RowChart(Axis("share", 1e-3, 1.0, True, ((0.01, "0.01"),)), rows, "rows", (("bar", 0, "bar"),))
     heat = HeatMap(
         ("a", "b"), ("c",), ((HeatCell(7, "99", HOSTILE, True),), (HeatCell(),)), "map", ((0, "calm"),)

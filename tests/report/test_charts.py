@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from smsid.report.axes import Axis, ticks_of
 from smsid.report.heat import step_of
-from smsid.report.numbers import half, number, plain, share, unit
+from smsid.report.numbers import half, number, share, tick_label, unit
 from smsid.report.plot import Band, Curve, Plot, Rule, path
-from smsid.report.rows import Mark, Row, RowChart
+from smsid.report.rows import ChartRow, Mark, RowChart
 from smsid.report.traces import Traces, spark
 
 from .conftest import trace
@@ -48,7 +48,7 @@ def test_units_shares_and_intervals():
     assert half(1.0, 0.9, 1.1) == "± 0.1"
     assert half(1.0, 0.9, 1.4) == "0.9 … 1.4"
     assert half(1.0, 0.5, math.inf) == "0.5 … ∞"
-    assert plain(0.30000000000000004) == "0.3"
+    assert tick_label(0.30000000000000004) == "0.3"
 
 
 @settings(max_examples=200, deadline=None)
@@ -102,7 +102,7 @@ def test_paths_break_where_nothing_is():
 
 
 def test_rows_keep_what_is_off_the_axis_at_its_end():
-    chart = RowChart(Axis("x", 1e-2, 1.0, True), (Row("a", (Mark(10.0),)),), "alt")
+    chart = RowChart(Axis("x", 1e-2, 1.0, True), (ChartRow("a", (Mark(10.0),)),), "alt")
     assert [chart.place(v) for v in (1e-2, 0.1, 1.0, 10.0, 0.0)] == [0.0, 50.0, 100.0, 100.0, 0.0]
     assert [chart.beyond(v) for v in (1e-3, 0.1, 10.0)] == ["low", "", "high"]
     assert chart.span(1.0, 0.1) == (50.0, 50.0)

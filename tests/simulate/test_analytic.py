@@ -14,7 +14,7 @@ from smsid.description import Description
 from smsid.effects import Slosh
 from smsid.errors import SimulationError
 from smsid.model import build_model
-from smsid.simulate import Fourier, Inputs, Steps, Tolerance, simulate
+from smsid.simulate import Fourier, Inputs, PiecewiseConstant, Tolerance, simulate
 from smsid.simulate.integrate import initial_state
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
@@ -48,7 +48,7 @@ def test_slosh_under_stepped_thrust_is_the_matrix_exponential(axis):
     force = (40.0, -40.0, 0.0, 13.0)
     values = np.zeros((4, 3))
     values[:, axis] = force
-    trajectory = simulate(model, Inputs(force=Steps(edges[:-1], values)), 40.0, tolerance=TIGHT)
+    trajectory = simulate(model, Inputs(force=PiecewiseConstant(edges[:-1], values)), 40.0, tolerance=TIGHT)
     assert {c.times[0] for c in trajectory.charts} == set(edges[:-1])
     assert trajectory.steps < 100
     times = np.array([1.0, np.pi, 3.3, 10.0, 17.77, 30.0, 40.0])
@@ -66,7 +66,9 @@ def test_slosh_under_stepped_thrust_is_the_matrix_exponential(axis):
 
 
 def test_accelerations_at_a_jump_are_the_right_limit():
-    trajectory = simulate(two_masses(), Inputs(force=Steps((1.0,), np.array([[40.0, 0.0, 0.0]]))), 2.0)
+    trajectory = simulate(
+        two_masses(), Inputs(force=PiecewiseConstant((1.0,), np.array([[40.0, 0.0, 0.0]]))), 2.0
+    )
     before, at = trajectory.states(np.array([1.0 - 1e-12, 1.0])).a[:, 0]
     assert before == pytest.approx(0.0, abs=1e-12)
     assert at == pytest.approx(40.0 / MASS, rel=1e-9)

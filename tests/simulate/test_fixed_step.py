@@ -11,7 +11,7 @@ import pytest
 from smsid.description import Description, load_description
 from smsid.errors import ExperimentError, SimulationError
 from smsid.model import build_model
-from smsid.simulate import Fourier, Inputs, Steps, Tolerance, simulate, simulate_closed_loop
+from smsid.simulate import Fourier, Inputs, PiecewiseConstant, Tolerance, simulate, simulate_closed_loop
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 MODEL = build_model(load_description(URDF / "paper_sms.toml"))
@@ -78,7 +78,10 @@ def test_held_commands_are_the_steps_of_the_adaptive_integrator():
     controller, asked = sampled(10.0, tau)
     found = simulate_closed_loop(MODEL, controller, 2.0, dt=0.005, control_rate=10.0)
     times = tuple(0.1 * k for k in range(20))
-    inputs = Inputs(force=Steps(times, tau[:, :3]), joint_torque=Steps(times, tau[:, MODEL.arm_joints.v]))
+    inputs = Inputs(
+        force=PiecewiseConstant(times, tau[:, :3]),
+        joint_torque=PiecewiseConstant(times, tau[:, MODEL.arm_joints.v]),
+    )
     exact = simulate(MODEL, inputs, 2.0, tolerance=Tolerance(1e-12, 1e-14)).states(found.time)
     np.testing.assert_allclose(asked, times, atol=1e-12)
     np.testing.assert_allclose(found.q, exact.q, atol=1e-9)
@@ -176,7 +179,7 @@ def test_the_papers_experiment_2_at_ten_milliseconds():
 def test_a_stiff_joint_is_followed_at_the_controllers_rate(light):
     """Dry friction that settles within 5e-7 s, torques held for 50 ms: against the adaptive method."""
     values = np.array([0.5, 1.5, -1.2, 0.3, -0.9])
-    torques = Steps(tuple(0.05 * k for k in range(5)), values[:, None])
+    torques = PiecewiseConstant(tuple(0.05 * k for k in range(5)), values[:, None])
     found = simulate_closed_loop(light, lambda t, q, v: torques(t), 0.25, dt=0.05, control_rate=20.0)
     exact = simulate(light, Inputs(joint_torque=torques), 0.25).states(found.time)
     np.testing.assert_allclose(found.q, exact.q, atol=1e-5)

@@ -12,14 +12,25 @@ from smsid.description import Description, load_description
 from smsid.effects import JointFriction
 from smsid.errors import ExperimentError
 from smsid.model import build_model
-from smsid.simulate import Constant, Fourier, Inputs, JointMotion, Sampled, Steps, Tolerance, simulate
+from smsid.simulate import (
+    Constant,
+    Fourier,
+    Inputs,
+    JointMotion,
+    PiecewiseConstant,
+    Sampled,
+    Tolerance,
+    simulate,
+)
 from smsid.simulate.dynamics import Dynamics
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 PAPER = load_description(URDF / "paper_sms.toml")
 MODEL = build_model(PAPER)
 RNG = np.random.default_rng(4)
-THRUST = Steps((0.0, 4.0, 8.0), np.array([[40.0, 10.0, -20.0], [-40.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+THRUST = PiecewiseConstant(
+    (0.0, 4.0, 8.0), np.array([[40.0, 10.0, -20.0], [-40.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+)
 
 
 def fourier(size, amplitude, offset=None):
@@ -135,7 +146,7 @@ def test_locked_joints_are_those_of_a_welded_arm():
 def test_held_samples_are_steps():
     times, values = np.array([0.0, 1.0, 2.5]), RNG.standard_normal((3, 3))
     held = simulate(MODEL, Inputs(force=Sampled.from_samples(times, values, 0)), 4.0)
-    steps = simulate(MODEL, Inputs(force=Steps(tuple(times), values)), 4.0)
+    steps = simulate(MODEL, Inputs(force=PiecewiseConstant(tuple(times), values)), 4.0)
     grid = np.linspace(0.0, 4.0, 21)
     np.testing.assert_allclose(held.states(grid).q, steps.states(grid).q, atol=1e-13)
 

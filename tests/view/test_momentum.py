@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from smsid.recording import Recording
 from smsid.simulate import truth_of
 from smsid.view.momentum import momenta
-from smsid.view.motion import Motion, motion_of
+from smsid.view.motion import DrawnMotion, motion_of
 from smsid.view.recorded import slopes
 from smsid.view.scene import build_scene
 
@@ -38,7 +38,7 @@ def test_scales_are_what_there_would_be_if_nothing_cancelled(model, motion):
     found = momenta(model, motion)
     assert np.linalg.norm(found.linear, axis=1).max() <= found.linear_scale * (1 + 1e-9)
     assert np.linalg.norm(found.angular, axis=1).max() <= found.angular_scale * (1 + 1e-9)
-    still = momenta(model, Motion(np.arange(3.0), np.tile(model.home, (3, 1)), np.zeros((3, 3))))
+    still = momenta(model, DrawnMotion(np.arange(3.0), np.tile(model.home, (3, 1)), np.zeros((3, 3))))
     assert still.linear_scale == 0.0 and not still.angular.any()
 
 
@@ -69,7 +69,7 @@ def test_momentum_that_is_sensor_noise_is_left_out(model, trajectory):
     times = np.arange(400) / 20.0
     rng = np.random.default_rng(4)
     noise = 1e-3 * rng.standard_normal((400, model.nv))
-    motion = Motion(times, still, np.zeros((400, 3)), v=noise, smoothed=0.5)
+    motion = DrawnMotion(times, still, np.zeros((400, 3)), v=noise, smoothed=0.5)
     assert momenta(model, motion).telling == (False, False)
     scene = build_scene(model, motion)
     assert not {"momentum", "angular momentum"} & set(scene.layers)

@@ -8,7 +8,7 @@ import pytest
 
 from smsid.view import Look, build_scene
 from smsid.view.arrows import INDICES, _bent_arrow, joint_axis, tool_frame, tool_positions, tube_along
-from smsid.view.drivers import Frames
+from smsid.view.drivers import DrawnFrames
 from smsid.view.motion import motion_of
 
 
@@ -16,7 +16,7 @@ from smsid.view.motion import motion_of
 def scene(model, trajectory):
     motion = motion_of(model, trajectory, 0.1, 1000)
     built = build_scene(model, motion)
-    frames = Frames.of(model, motion, built.scale)
+    frames = DrawnFrames.of(model, motion, built.scale)
     return built, motion, frames, built.poses(frames)
 
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from smsid.recording.checks.consistency import channel_findings
-from smsid.recording.checks.sample_faults import Finding
+from smsid.recording.checks.sample_faults import SampleFault
 
 if TYPE_CHECKING:
     from smsid.recording.recording import Recording
 
-__all__ = ["Finding", "channel_findings", "consistency_notes"]
+__all__ = ["SampleFault", "channel_findings", "consistency_notes"]
 
 
 def consistency_notes(recordings: Sequence[Recording]) -> list[str]:

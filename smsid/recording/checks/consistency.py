@@ -12,18 +12,18 @@ from smsid._time_text import time_text
 from smsid.recording.checks import sample_faults
 from smsid.recording.checks.increments import KinematicPair, integral
 from smsid.recording.checks.pair_check import PAIRS, PairCheck, component_labels
-from smsid.recording.checks.sample_faults import Finding
+from smsid.recording.checks.sample_faults import SampleFault
 
 if TYPE_CHECKING:
     from smsid.recording.recording import Recording
 
 
-def channel_findings(recording: Recording) -> tuple[Finding, ...]:
+def channel_findings(recording: Recording) -> tuple[SampleFault, ...]:
     """Find components of channels that contradict themselves or a kinematically related channel.
 
     Raises nothing for a recording whose clocks increase and whose samples are finite; see `Recording.check`.
     """
-    found: list[Finding] = []
+    found: list[SampleFault] = []
     with_error: set[tuple[str, str]] = set()
     for name in recording.channels:
         if name.startswith(("command.", "extra.", "truth.")) or recording[name].ndim != 2:
@@ -101,9 +101,9 @@ CONSTANT_SHARE = 0.1
 """Share of a recording that a component must be constant to count as stuck."""
 
 
-def resting_findings(check: PairCheck) -> list[Finding]:
+def resting_findings(check: PairCheck) -> list[SampleFault]:
     """Name components that rest at one value while the related channel moves."""
-    found: list[Finding] = []
+    found: list[SampleFault] = []
     if check.pair.kind != "plain":
         sides = ((check.v, check.pair.times, check.pair.v, None, check.pair.t, check.pair.x),)
     else:
@@ -140,7 +140,7 @@ def resting_findings(check: PairCheck) -> list[Finding]:
             verb = "is stuck" if kind == "stuck" else "is saturated"
             at = float(t[np.flatnonzero(marked)[0]])
             found.append(
-                Finding(
+                SampleFault(
                     name, (label,), kind, other, (value, share, contradiction), True,
                     f"'{name}' {label} {verb} at {value:.4g} for {100 * share:.1f} % of the samples, "
                     f"from t = {time_text(at, t[0])}, while '{other}' moves by {contradiction:.2g} times its "

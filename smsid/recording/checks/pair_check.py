@@ -15,7 +15,7 @@ import numpy as np
 
 from smsid.recording.channels import quantity_of
 from smsid.recording.checks.increments import KinematicPair, SpanPair
-from smsid.recording.checks.sample_faults import Finding
+from smsid.recording.checks.sample_faults import SampleFault
 
 if TYPE_CHECKING:
     from smsid.recording.recording import Recording
@@ -96,7 +96,7 @@ def component_labels(recording: Recording, name: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class _Best:
+class _BestSpan:
     """The span over which a component correlates best: with component ``j``, at ``ratio`` of the two."""
 
     pair: SpanPair
@@ -129,7 +129,7 @@ class PairCheck:
             for k, label in enumerate(self.labels)
         ]
 
-    def findings(self) -> list[Finding]:
+    def findings(self) -> list[SampleFault]:
         """Name exchanged, turned, scaled or delayed components and quaternions of another convention."""
         if not any(self.usable):
             return []
@@ -151,8 +151,8 @@ class PairCheck:
         delay = self._delay(self._best(self.pair)) if any(self.usable) else None
         return delay is not None and delay.clear
 
-    def _best(self, pair: KinematicPair) -> list[_Best | None]:
-        best: list[_Best | None] = [None] * len(self.labels)
+    def _best(self, pair: KinematicPair) -> list[_BestSpan | None]:
+        best: list[_BestSpan | None] = [None] * len(self.labels)
         for span in pair.spans:
             a, b = span.increments, span.integrals
             aa, bb = np.sum(a * a, axis=0), np.sum(b * b, axis=0)
@@ -169,11 +169,11 @@ class PairCheck:
                 known = best[i]
                 if bb[j] > 0.0 and (known is None or row[j] > abs(known.correlation)):
                     ratio = math.sqrt(aa[i] / bb[j])
-                    best[i] = _Best(span, j, float(c[i, j]), float(c[i, i]), ratio)
+                    best[i] = _BestSpan(span, j, float(c[i, j]), float(c[i, i]), ratio)
         return best
 
-    def _quaternion(self) -> Finding | None:
-        straight = _explained(self.pair, self.usable)
+    def _quaternion(self) -> SampleFault | None:
+        straight = _explained_share(self.pair, self.usable)
         if straight is None or straight > 0.8:
             return None
         q = self.pair.x
@@ -184,7 +184,7 @@ class PairCheck:
                     continue
                 r = np.roll(q, shift, axis=1) * np.array([sign, sign, sign, 1.0])
                 other = KinematicPair(self.pair.t, r, self.pair.times, self.pair.v, "attitude")
-                share = _explained(other, self.usable)
+                share = _explained_share(other, self.usable)
                 if share is not None:
                     what = " and ".join(w for w in (order, direction) if w)
                     readings.append((share, what if direction or shift > 0 else f"{what}, not x y z w"))
@@ -198,9 +198,9 @@ class PairCheck:
             f"{100 * max(straight, 0.0):.1f} %."
         )
         mend = "Correct quaternion and direction of the channel in the mapping."
-        return Finding(self.x, (), "quaternion", self.v, (share, straight), True, sentence, mend)
+        return SampleFault(self.x, (), "quaternion", self.v, (share, straight), True, sentence, mend)
 
-    def _swaps(self, best: list[_Best | None]) -> tuple[list[Finding], set[int]]:
+    def _swaps(self, best: list[_BestSpan | None]) -> tuple[list[SampleFault], set[int]]:
         moved = {
             i: b
             for i, b in enumerate(best)
@@ -225,14 +225,14 @@ class PairCheck:
             )
             mend = f"Exchange the columns of '{self.v}' or of '{self.x}' in the mapping."
             found.append(
-                Finding(
+                SampleFault(
                     self.v, tuple(names), "swapped", self.x, (crossed, straight), self.rigid, sentence, mend
                 )
             )
             told = set(group)
         return found, told
 
-    def _scales(self, best: list[_Best | None], told: set[int]) -> list[Finding]:
+    def _scales(self, best: list[_BestSpan | None], told: set[int]) -> list[SampleFault]:
         # A common scale of all components may be meant; one that differs from its neighbours is not.
         agree = any(
             b is not None and b.correlation > PROPORTIONAL and abs(b.ratio - 1.0) < 0.05 for b in best
@@ -257,10 +257,12 @@ class PairCheck:
                 f"The derivative of '{self.x}'{where} is {signed:.4g} times '{self.v}'{where} "
                 f"(correlation {b.correlation:.3f}): {reason}."
             )
-            found.append(Finding(self.v, names, kind, self.x, (signed, b.correlation), clear, sentence, mend))
+            found.append(
+                SampleFault(self.v, names, kind, self.x, (signed, b.correlation), clear, sentence, mend)
+            )
         return found
 
-    def _scale_of(self, b: _Best, agree: bool) -> tuple[str, str, str, bool] | None:
+    def _scale_of(self, b: _BestSpan, agree: bool) -> tuple[str, str, str, bool] | None:
         """Return kind, reason and mend of what a ratio and its sign say, and whether it is beyond doubt."""
         off, turned = abs(math.log(b.ratio)), b.correlation < 0.0
         cause = "" if self.free_gain else unit_cause(self.x, self.v, b.ratio)
@@ -281,7 +283,7 @@ class PairCheck:
         reason = "no usual unit explains it, but a scale factor is wrong in one of them"
         return "scale", reason, "Correct the scale in the mapping or the log.", clear
 
-    def _delay(self, best: list[_Best | None]) -> Finding | None:
+    def _delay(self, best: list[_BestSpan | None]) -> SampleFault | None:
         good = [(i, b) for i, b in enumerate(best) if b is not None and b.j == i and b.correlation > 0.9]
         if not good:
             return None
@@ -307,7 +309,7 @@ class PairCheck:
             f"{at:.5f} with this delay, {without:.5f} without."
         )
         clear = abs(lag) > max(CLEAR_LAG, 4.0 * step)
-        return Finding(who, (), "delay", other, (abs(lag), at, without), clear, sentence, mend)
+        return SampleFault(who, (), "delay", other, (abs(lag), at, without), clear, sentence, mend)
 
     def _correlation(self, i: int, lag: float, count: int) -> float:
         s = self.pair.shifted(count, lag, slice(i, i + 1))
@@ -318,7 +320,7 @@ class PairCheck:
         return float(a @ b) / scale if scale > 0.0 else 0.0
 
 
-def _explained(pair: KinematicPair, usable: list[bool]) -> float | None:
+def _explained_share(pair: KinematicPair, usable: list[bool]) -> float | None:
     """Give the largest share of the integrals' variance that the increments explain, over all spans."""
     shares = []
     for s in pair.spans:

@@ -13,7 +13,7 @@ from smsid._time_text import time_text
 
 
 @dataclass(frozen=True)
-class Finding:
+class SampleFault:
     """A fault of one or more components of a channel.
 
     ``kind`` is ``outlier``, ``stuck``, ``saturated``, ``held``, ``full turn``, ``swapped``, ``sign``,
@@ -79,7 +79,7 @@ def outliers(x: FloatArray, floor: float = 0.0) -> NDArray[np.bool_]:
     return marked
 
 
-def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) -> Finding | None:
+def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) -> SampleFault | None:
     """Name isolated outliers of a component; t, x: (N,)."""
     marked = outliers(x, 1e-9)
     count = int(np.count_nonzero(marked))
@@ -94,10 +94,10 @@ def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) 
     )
     mend = "Remove these samples, or cut the log with window(t0, t1)."
     numbers, clear = (float(count), worst, rest), worst > WILD * rest  # identification leaves others out
-    return Finding(channel, (component,), "outlier", "", numbers, clear, sentence, mend)
+    return SampleFault(channel, (component,), "outlier", "", numbers, clear, sentence, mend)
 
 
-def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray) -> Finding | None:
+def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray) -> SampleFault | None:
     """Name jumps of an angle by a full turn within one sample; t, x: (N,) [s | rad]."""
     if x.size < MIN_SAMPLES:
         return None
@@ -113,10 +113,10 @@ def full_turn_finding(channel: str, component: str, t: FloatArray, x: FloatArray
         f"first at t = {time_text(float(t[jumps[0] + 1]), float(t[0]))}."
     )
     mend = "The angle was logged within one turn: unwrap it (numpy.unwrap) before the import."
-    return Finding(channel, (component,), "full turn", "", (count, size), True, sentence, mend)
+    return SampleFault(channel, (component,), "full turn", "", (count, size), True, sentence, mend)
 
 
-def held_finding(channel: str, t: FloatArray, x: FloatArray) -> Finding | None:
+def held_finding(channel: str, t: FloatArray, x: FloatArray) -> SampleFault | None:
     """Name samples that are held: t, x: (N,), (N, k); all components change at every n-th sample only."""
     if x.shape[0] < MIN_SAMPLES:
         return None
@@ -133,7 +133,7 @@ def held_finding(channel: str, t: FloatArray, x: FloatArray) -> Finding | None:
         f"of {rate / usual:.4g} Hz."
     )
     mend = "Import it on a clock of its own with the samples at which it changes."
-    return Finding(channel, (), "held", "", (rate, rate / usual), False, sentence, mend)
+    return SampleFault(channel, (), "held", "", (rate, rate / usual), False, sentence, mend)
 
 
 def longest_constant_run(x: FloatArray) -> tuple[int, int]:
