@@ -282,8 +282,8 @@ def _prior_rows(prior: tuple[np.ndarray, np.ndarray] | None, scale: np.ndarray) 
     return rows
 
 
-def correlation_lags(residual: np.ndarray, *, level: float = 0.05) -> int:
-    """Return the first lag at which the mean autocorrelation of residual (N, k) falls below ``level``.
+def correlation_lags(residual: np.ndarray) -> int:
+    """Return the first lag at which the mean autocorrelation of residual (N, k) falls below 0.05.
 
     At most a tenth of the record. Columns of zeros are not there.
     """
@@ -296,5 +296,5 @@ def correlation_lags(residual: np.ndarray, *, level: float = 0.05) -> int:
     spectrum = np.abs(np.fft.rfft(x, size, axis=0)) ** 2
     correlation = np.fft.irfft(spectrum, axis=0)[: samples // 10 + 1]
     mean = np.mean(correlation / np.maximum(correlation[0], 1e-300), axis=1)
-    below = np.flatnonzero(mean < level)
+    below = np.flatnonzero(mean < 0.05)
     return int(below[0]) if below.size else samples // 10

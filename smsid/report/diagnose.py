@@ -109,11 +109,11 @@ def share_sections(shares: Shares) -> list[Section]:
     return [Section("map", "Where it comes from", parts, "by place and by candidate")] if parts else []
 
 
-def shorten(sentence: str, most: int = 260) -> str:
+def shorten(sentence: str) -> str:
     """Return a sentence that lists many causes with the first of them; all stand in the table below."""
     parts = sentence.replace("+-", "±").split("; ")
     kept = parts[:1]
-    while len(kept) < len(parts) and len("; ".join(kept)) + len(parts[len(kept)]) < most:
+    while len(kept) < len(parts) and len("; ".join(kept)) + len(parts[len(kept)]) < 260:
         kept.append(parts[len(kept)])
     left = len(parts) - len(kept)
     return "; ".join(kept) + (f"; and {left} more, below." if left else "")

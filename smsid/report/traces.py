@@ -128,13 +128,13 @@ class Traces:
         return json.dumps(document, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def spark(values: np.ndarray, points: int = 60) -> str:
+def spark(values: np.ndarray) -> str:
     """Return the path of a small curve (N,) in a box of 100 by 24: least and largest of each stretch."""
     x = np.asarray(values, dtype=float)
     x = x[np.isfinite(x)]
     if len(x) < 2:
         return ""
-    parts = np.array_split(x, min(points, len(x)))
+    parts = np.array_split(x, min(60, len(x)))
     size = max(float(np.abs(x).max()), 1e-300)
     out = []
     for i, p in enumerate(parts):

@@ -224,7 +224,8 @@ def _sun(scene: Scene) -> dict[str, Any]:
     return {**_META, "geometries": [], "materials": [], "object": node}
 
 
-def _stars(distance: float, count: int = 900) -> Stars:
+def _stars(distance: float) -> Stars:
+    count = 900
     rng = np.random.default_rng(48)
     points = rng.normal(size=(count, 3))
     points *= distance / np.linalg.norm(points, axis=1, keepdims=True)

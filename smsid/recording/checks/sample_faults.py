@@ -161,13 +161,13 @@ def beyond_the_end(marked: NDArray[np.bool_], x: FloatArray, driven: FloatArray)
     return kept
 
 
-def clipped_samples(x: FloatArray, least: int = 5) -> NDArray[np.bool_]:
-    """Mark samples that rest at the largest or smallest value for ``least`` samples or more; x: (N,)."""
+def clipped_samples(x: FloatArray) -> NDArray[np.bool_]:
+    """Mark samples that rest at the largest or smallest value for five samples or more; x: (N,)."""
     marked = np.zeros(x.size, dtype=bool)
     for extreme in (float(x.max()), float(x.min())):
         at = np.concatenate([[False], x == extreme, [False]]).astype(int)
         begins, ends = np.flatnonzero(np.diff(at) == 1), np.flatnonzero(np.diff(at) == -1)
         for begin, end in zip(begins, ends, strict=True):
-            if end - begin >= least:
+            if end - begin >= 5:
                 marked[begin:end] = True
     return marked
