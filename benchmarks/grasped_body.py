@@ -23,7 +23,7 @@ from smsid.comparison import compare
 from smsid.description import Description, load_description
 from smsid.effects import GraspedBody
 from smsid.errors import SmsidError
-from smsid.estimation.identify import Identified, identify_spacecraft
+from smsid.estimation.identify import IdentificationRun, identify_spacecraft
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.recording import Recording
@@ -80,7 +80,7 @@ def before(name: str, seed: int) -> Recording:
 
 
 @cache
-def estimated(seed: int) -> Identified:
+def estimated(seed: int) -> IdentificationRun:
     """Identify the craft from both experiments before."""
     return identify_spacecraft(craft(), [before(n, seed) for n in ("exp1", "exp2")])
 

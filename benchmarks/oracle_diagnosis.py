@@ -27,16 +27,16 @@ from rich.console import Console
 from scipy.signal import butter, sosfiltfilt
 
 from smsid.diagnose import diagnose
-from smsid.diagnose.diagnose import RATE, Diagnosed
+from smsid.diagnose.diagnose import RATE, DiagnosisRun
 from smsid.diagnose.noise_covariance import first_fit, with_levels
 from smsid.diagnose.priors import nominal
-from smsid.estimation.input_hold import locked
+from smsid.estimation.input_hold import locked_coordinates
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.identify.estimate import Estimate
 from smsid.identify.paper.pipeline import identify
 from smsid.likelihood import refine
@@ -111,7 +111,7 @@ def kept(sources: str, seed: int) -> dict[str, Any]:
     return {name: row for name, row in rows.items() if row.get("sources") == sources}
 
 
-def judged(name: str, found: Diagnosed) -> dict[str, Any]:
+def judged(name: str, found: DiagnosisRun) -> dict[str, Any]:
     """Return verdict, causes and how far their parameters are from the truth, in reported sigmas."""
     d = found.diagnosis
     values = {p.name: p for c in (*d.causes, *d.partial) for p in c.parameters}
@@ -142,7 +142,7 @@ def judged(name: str, found: Diagnosed) -> dict[str, Any]:
     }
 
 
-def panel_residuals(found: Diagnosed, data: Data, rate: float, seed: int) -> dict[str, Any]:
+def panel_residuals(found: DiagnosisRun, data: Data, rate: float, seed: int) -> dict[str, Any]:
     """Return rms of measured minus simulated panel accelerations [m/s^2], all channels pooled.
 
     Simulated open loop from 5 s on: the linear panel re-identified, the extended one, and the linear one
@@ -158,19 +158,26 @@ def panel_residuals(found: Diagnosed, data: Data, rate: float, seed: int) -> dic
     return out
 
 
-def refitted_on(data: Data, name: str, rate: float, seed: int) -> Fit:
+def refitted_on(data: Data, name: str, rate: float, seed: int) -> MapFit:
     """Return the nominal parameters fitted to a recording, nothing added."""
     recording = noisy(data[name], data.description.sensor, seed)
     known = nominal(data.description, None)
     point: Point = known.point
     seen = measurements_of(point.base, recording, data.description.effective_sensors()).thinned(rate)
-    problem = Problem(recording, seen, locked(point.base, recording), Timing(), Noise(), known.joint)
+    problem = Problem(
+        recording,
+        seen,
+        locked_coordinates(point.base, recording),
+        CommandTiming(),
+        ProcessNoise(),
+        known.joint,
+    )
     timing = timing_of(point, problem)
-    problem = Problem(recording, seen, problem.locked, timing, Noise(), known.joint)
+    problem = Problem(recording, seen, problem.locked, timing, ProcessNoise(), known.joint)
     return with_levels(first_fit(point, problem, known.unknowns)).fit
 
 
-def residual(fitted: Fit) -> tuple[float, float]:
+def residual(fitted: MapFit) -> tuple[float, float]:
     """Return rms of the open-loop residual of the panel's channels, raw and low-passed with zero phase."""
     problem, point = fitted.problem, fitted.point
     times = problem.data.times

@@ -21,7 +21,7 @@ from smsid.recording import Recording, load_recording
 
 if TYPE_CHECKING:
     from smsid.control.design import Design as ControllerDesign
-    from smsid.diagnose.diagnose import Diagnosed
+    from smsid.diagnose.diagnose import DiagnosisRun
     from smsid.experiments import Experiment
     from smsid.export.folder import Export
     from smsid.tracking.followed_parameters import Rate
@@ -125,7 +125,7 @@ def diagnose(
     *,
     estimate: Estimate | None = None,
     validation: Sequence[Recording] = (),
-) -> Diagnosed:
+) -> DiagnosisRun:
     """Say what the simulation gets wrong and why: ``.diagnosis`` names the cause, ``.extended`` has it.
 
     Args:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from smsid.datasets import Demonstration
     from smsid.description import Description
-    from smsid.diagnose import Diagnosed
+    from smsid.diagnose import DiagnosisRun
     from smsid.identify.estimate import Estimate
     from smsid.likelihood import Refinement
     from smsid.recording import Recording
@@ -284,7 +284,7 @@ def wrong_guess(description: Description, folder: Path) -> Description:
 
 
 def write_extended_description(
-    description: Description, estimate: Estimate, found: Diagnosed, folder: Path
+    description: Description, estimate: Estimate, found: DiagnosisRun, folder: Path
 ) -> Description:
     """Write ``extended.toml`` with ``extended.urdf``: identified bodies that can exist, and the causes.
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from smsid.description import Description
     from smsid.estimation.flight import FlightOptions
-    from smsid.estimation.identify import Identified
+    from smsid.estimation.identify import IdentificationRun
     from smsid.estimation.identify_flights import FlightEstimate
     from smsid.recording import Recording
     from smsid.report import Provenance, Report
@@ -271,13 +271,15 @@ def _flight(drive: Drive, at_rest: bool, start: str | None) -> FlightOptions | N
     return FlightOptions(drive=drive, initial=InitialPrior(at_rest=at_rest, **sigmas))  # type: ignore[arg-type]
 
 
-def _by_the_paper(described: Description, loaded: list[Recording], printed: bool, find: bool) -> Identified:
+def _by_the_paper(
+    described: Description, loaded: list[Recording], printed: bool, find: bool
+) -> IdentificationRun:
     """Return what the paper's method finds, bending as ``printed``, the tracked point unknown to ``find``."""
-    from smsid.estimation.identify import Identified
+    from smsid.estimation.identify import IdentificationRun
     from smsid.identify.paper.pipeline import identify
 
     linear = identify(described, loaded, modal="printed" if printed else "smoother", refine_pose_point=find)
-    return Identified(linear.estimate, linear)
+    return IdentificationRun(linear.estimate, linear)
 
 
 def _point(text: str) -> tuple[float, float, float]:

@@ -26,10 +26,10 @@ from smsid.diagnose.priors import Nominal, nominal
 from smsid.diagnose.score_test import Candidate, Score, correlation, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import ExperimentError, SmsidError
-from smsid.estimation.input_hold import locked
-from smsid.estimation.map_estimate import Fit, evaluate
+from smsid.estimation.input_hold import locked_coordinates
+from smsid.estimation.map_estimate import MapFit, evaluate
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.experiments import Experiment, LimitUse
 from smsid.model import build_model
 from smsid.recording import Recording
@@ -234,22 +234,24 @@ def _sigma(one: Score, other: Score) -> np.ndarray:
     return sigma
 
 
-def _fit(known: Nominal, recording: Recording, rate: float) -> tuple[Fit, list[Candidate]]:
+def _fit(known: Nominal, recording: Recording, rate: float) -> tuple[MapFit, list[Candidate]]:
     force = "command.force" in recording and bool(np.any(recording["command.force"]))
-    problem = _problem(known, recording, Timing("held" if force else "linear", "right"), rate)
+    problem = _problem(known, recording, CommandTiming("held" if force else "linear", "right"), rate)
     return evaluate(known.point, known.unknowns, problem), propose(known.point, problem, known.unknowns)
 
 
-def _problem(known: Nominal, recording: Recording, timing: Timing, rate: float = np.inf) -> Problem:
+def _problem(known: Nominal, recording: Recording, timing: CommandTiming, rate: float = np.inf) -> Problem:
     point = known.point
     data = measurements_of(point.base, recording, point.description.effective_sensors())
     data = data.thinned(rate) if rate < np.inf else data
-    return Problem(recording, data, locked(point.base, recording), timing, Noise(), known.joint)
+    return Problem(
+        recording, data, locked_coordinates(point.base, recording), timing, ProcessNoise(), known.joint
+    )
 
 
 def candidates_of(known: Nominal, recording: Recording) -> list[Candidate]:
     """Return what `smsid diagnose` would try on a recording."""
-    return propose(known.point, _problem(known, recording, Timing()), known.unknowns)
+    return propose(known.point, _problem(known, recording, CommandTiming()), known.unknowns)
 
 
 def label(candidate: Candidate) -> str:

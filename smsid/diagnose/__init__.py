@@ -1,34 +1,34 @@
 """Diagnosis: what the simulation gets wrong, the cause by name, the extended model and what it gains."""
 
 from smsid._callable import make_callable
-from smsid.diagnose.diagnose import Diagnosed, diagnose
+from smsid.diagnose.diagnose import DiagnosisRun, diagnose
 from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.result import (
     Alias,
     Diagnosis,
     FoundCause,
     Limit,
-    Remaining,
+    SignificantTest,
     Value,
     load_diagnosis,
     save_diagnosis,
 )
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.validation import ChannelGain, Gain
-from smsid.estimation.problem import Noise
+from smsid.estimation.problem import ProcessNoise
 
 __all__ = [
     "Alias",
     "Candidate",
     "ChannelGain",
     "DetectionThresholds",
-    "Diagnosed",
     "Diagnosis",
+    "DiagnosisRun",
     "FoundCause",
     "Gain",
     "Limit",
-    "Noise",
-    "Remaining",
+    "ProcessNoise",
+    "SignificantTest",
     "Value",
     "diagnose",
     "load_diagnosis",

@@ -19,8 +19,8 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from smsid.diagnose.profiled_hypothesis import (
-    Resolved,
-    Searched,
+    ProfiledHypothesis,
+    ResolvedHypothesis,
     Settled,
     Shape,
     best_shape,
@@ -32,7 +32,7 @@ from smsid.diagnose.score_test import EXCITED, Score, recast
 from smsid.effects.appendage_effect import ExtraMode
 from smsid.effects.base import Effect
 from smsid.effects.slosh import Slosh
-from smsid.estimation.map_estimate import Fit, Projected
+from smsid.estimation.map_estimate import MapFit, ProjectedColumns
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
@@ -164,7 +164,7 @@ def _forces(
 
 
 @dataclass(frozen=True)
-class Oscillating(Searched):
+class OscillatorHypothesis(ProfiledHypothesis):
     """One more mass on springs; ``frequencies`` (f,) [Hz] are those of the first grid.
 
     ``name`` is what its effect is called; with ``appendage`` it is one more mode of that, else a tank.
@@ -238,17 +238,19 @@ class Oscillating(Searched):
         offset = place_of(coefficients, np.full(d, STEP))
         mass = float(coefficients[0]) * STEP
         effect = self._effect(max(abs(mass), LEAST), place + offset @ self.springs.moves, omega, zeta)
-        free, steps = self._freed(effect)
+        free, steps = self._free_parameters(effect)
         by = np.zeros((len(shape.columns), len(free)))
         by[:, : 1 + d] = moments(coefficients[0], offset / STEP, len(shape.columns))
         reference = {
             p.name: p.value for p in self._effect(LEAST, self.springs.place, omega, zeta).parameters()
         }
         means = tuple((n, reference[n]) for n in free[1 : 1 + d])
-        own = recast(Resolved, self, {"effect": effect, "free": free, "steps": steps, "means": means})
+        own = recast(
+            ResolvedHypothesis, self, {"effect": effect, "free": free, "steps": steps, "means": means}
+        )
         return own, by, np.r_[coefficients[0], np.zeros(len(free) - 1)], mass > 0.0
 
-    def scored(self, found: Fit, own: Projected) -> Score:
+    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score of the best frequency, and where that is worth it of a finer one, axis by axis."""
         coarse = super().scored(found, own)
         if coarse.odds(found.run.samples) <= 0.0:
@@ -258,7 +260,7 @@ class Oscillating(Searched):
             return coarse
         return replace(fine, another=coarse)  # as fine as that, it may follow what only looks like a mass
 
-    def _finer(self, found: Fit, coarse: Score) -> Score:
+    def _finer(self, found: MapFit, coarse: Score) -> Score:
         omega, zeta, place = self._label(coarse)
         axes, parts = len(self.springs.axes), self._parts
         best_score, tried = coarse, 0
@@ -325,7 +327,7 @@ class Oscillating(Searched):
             prior=prior,
         )
 
-    def _freed(self, effect: Effect) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    def _free_parameters(self, effect: Effect) -> tuple[tuple[str, ...], tuple[float, ...]]:
         """Return the free parameters, mass and place first, and their steps."""
         local = self.springs.moves @ self.turn.T
         moved = [axis for k, axis in enumerate("xyz") if np.abs(local[:, k]).max(initial=0.0) > 0.5]
@@ -339,7 +341,7 @@ class Oscillating(Searched):
         return tuple(f"{self.name}.{n}" for n in names), tuple(steps)
 
 
-def _choose(found: Fit, changes: list[Sensitivity], axes: int, choices: int) -> list[int]:
+def _choose(found: MapFit, changes: list[Sensitivity], axes: int, choices: int) -> list[int]:
     """Return for every axis the oscillator whose sum over the axes explains most, one mass for all."""
     columns = propagate(found.run, changes).reshape(-1, len(changes))
     left = found.left(columns)

@@ -16,7 +16,7 @@ from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.map_estimate import Fit, continued, evaluate, fit, within_reach
+from smsid.estimation.map_estimate import MapFit, continue_fit, evaluate, fit, within_reach
 from smsid.estimation.sensitivities import Sensitivity, propagate
 
 LOGGER = logging.getLogger(__name__)
@@ -32,7 +32,7 @@ def price(alias: float, tried: int = GRID + FINER * ONSETS) -> float:
 
 
 def best_start(
-    current: Fit, ratios: Callable[[list[float]], Iterable[float]], about: Sequence[float], cheap: bool
+    current: MapFit, ratios: Callable[[list[float]], Iterable[float]], about: Sequence[float], cheap: bool
 ) -> tuple[float, float, int]:
     """Return the beginning [s] of largest likelihood ratio, that ratio, and how many were tried.
 
@@ -47,10 +47,10 @@ def best_start(
         found.update(zip(new, ratios(new) if new else (), strict=True))
         return max(found, key=found.__getitem__)
 
-    best = look([*about, *_within(first, last, GRID)])
+    best = look([*about, *_times_between(first, last, GRID)])
     dense = cheap and found[best] > THRESHOLDS.beginnings_sought
     if dense:
-        best = look(_within(first, last, DENSE))
+        best = look(_times_between(first, last, DENSE))
     width = (last - first) / ((DENSE if dense else GRID) + 1)
     for _ in range(FINER if found[best] > THRESHOLDS.beginning_strong else WEAK):
         width *= 2.0 / ONSETS
@@ -69,7 +69,7 @@ class Onsets:
     ratios: np.ndarray
 
 
-def scan_onsets(current: Fit, scores: Sequence[Score]) -> dict[tuple[str, str, str], Onsets]:
+def scan_onsets(current: MapFit, scores: Sequence[Score]) -> dict[tuple[str, str, str], Onsets]:
     """Return the beginnings of all candidates whose changes can be cut off before, by their keys.
 
     What such a candidate does from a time on is what it does all the time, cut off before. Where an effect of
@@ -89,7 +89,7 @@ def scan_onsets(current: Fit, scores: Sequence[Score]) -> dict[tuple[str, str, s
 
 
 def with_onset(
-    current: Fit, s: Score, alias: float, onsets: Mapping[tuple[str, str, str], Onsets] | None = None
+    current: MapFit, s: Score, alias: float, onsets: Mapping[tuple[str, str, str], Onsets] | None = None
 ) -> Score:
     """Return the score with the time its effect begins, where beginning midway explains clearly more.
 
@@ -135,7 +135,7 @@ def with_onset(
 
 
 def best_onsets(
-    current: Fit,
+    current: MapFit,
     scores: Sequence[Score],
     count: int,
     onsets: Mapping[tuple[str, str, str], Onsets] | None = None,
@@ -162,7 +162,7 @@ def largest_innovation_time(run: FilterRun) -> float:
     return float(run.states.time[1 + int(np.argmax(squares[1:]))])
 
 
-def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tuple[list[Score], Fit]:
+def always_together(current: MapFit, scores: Sequence[Score], alias: float) -> tuple[list[Score], MapFit]:
     """Return the scores of causes and the fit with all of them there all the time, where their onsets no
     longer pay what each of them costs: they may have made up for another cause, found since, and of two that
     began beside a third, now gone, each may hold up the other's.
@@ -180,7 +180,7 @@ def always_together(current: Fit, scores: Sequence[Score], alias: float) -> tupl
         found = evaluate(plain, current.unknowns, current.problem)
         if 2.0 * (within_reach(found) - current.objective) > pays:
             return list(scores), current
-        found = continued(found, iterations=8, at_most=current.objective + 0.5 * pays)
+        found = continue_fit(found, iterations=8, at_most=current.objective + 0.5 * pays)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("%s are not there all the time: %s", names, error)
         return list(scores), current
@@ -196,7 +196,7 @@ def _plain(score: Score) -> Score:
     return replace(score, candidate=replace(score.candidate, effect=effect, grid=1))
 
 
-def sync_onset(current: Fit, score: Score) -> Score:
+def sync_onset(current: MapFit, score: Score) -> Score:
     """Return the score of a cause that begins when its effect does, which may be another cause's, too."""
     effect = score.candidate.effect
     start = None if effect is None else getattr(score.candidate.instance(current.point), "start", None)
@@ -208,7 +208,7 @@ def sync_onset(current: Fit, score: Score) -> Score:
     return replace(score, candidate=replace(score.candidate, effect=effect))
 
 
-def refine_onset(current: Fit, score: Score) -> tuple[Score, Fit]:
+def refine_onset(current: MapFit, score: Score) -> tuple[Score, MapFit]:
     """Return a cause's score and the fit with its beginning moved to where the fit is best.
 
     The score that found it is linear about the motion without the cause, where a large effect is curved. The
@@ -240,7 +240,7 @@ def refine_onset(current: Fit, score: Score) -> tuple[Score, Fit]:
     return score, current
 
 
-def moved_start(current: Fit, mine: Starting) -> tuple[float, float]:
+def moved_start(current: MapFit, mine: Starting) -> tuple[float, float]:
     """Return when a fitted effect begins best, and the likelihood ratio that gains, to first order.
 
     The effect is taken out of the fit and put back from another time on, as large as it then explains most.
@@ -266,12 +266,12 @@ def _from(candidate: Candidate, start: float) -> Candidate:
     return replace(candidate, effect=candidate.effect.model_copy(update={"start": start}))
 
 
-def _within(first: float, last: float, count: int) -> np.ndarray:
+def _times_between(first: float, last: float, count: int) -> np.ndarray:
     """Return so many times evenly between two."""
     return np.linspace(first, last, count + 2)[1:-1]
 
 
-def cut_score(current: Fit, candidate: Candidate, changes: Sequence[Sensitivity], start: float) -> Score:
+def cut_score(current: MapFit, candidate: Candidate, changes: Sequence[Sensitivity], start: float) -> Score:
     """Return the score of a candidate whose changes begin at a time."""
     run = current.run
     columns = propagate(run, [cut_sensitivity(c, run, start) for c in changes])

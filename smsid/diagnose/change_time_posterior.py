@@ -14,7 +14,7 @@ from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Effect, Starting
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.sensitivities import Sensitivity, propagate
 
 COARSE = 16  # times over the whole recording, as there may be other maxima
@@ -33,7 +33,7 @@ class Began:
 
 
 def onset_posteriors(
-    found: Fit, causes: Sequence[Cause], described: Collection[str] = ()
+    found: MapFit, causes: Sequence[Cause], described: Collection[str] = ()
 ) -> dict[str, Began]:
     """Return how well the start of every effect is known that a search found to begin midway, by its name.
 
@@ -46,7 +46,7 @@ def onset_posteriors(
     return {e.name: start_of(found, e) for e in late}
 
 
-def start_of(found: Fit, mine: Starting) -> Began:
+def start_of(found: MapFit, mine: Starting) -> Began:
     """Return how well the start of an effect in a fit is known, by the likelihood of all it may have been.
 
     It is taken as it is: a torque that changes sign or rests leaves it several maxima, and no curvature.
@@ -113,7 +113,7 @@ class Starts:
     ``beside`` (m,) marks the parameters that make up for the rest.
     """
 
-    def __init__(self, current: Fit, mine: Starting) -> None:
+    def __init__(self, current: MapFit, mine: Starting) -> None:
         assert mine.start is not None
         self.start = mine.start
         own = [
@@ -174,7 +174,7 @@ class Starts:
         return along**2 / np.where(gram.diagonal() > 0.0, gram.diagonal(), np.inf)
 
 
-def step_from(current: Fit, time: float) -> float:
+def step_from(current: MapFit, time: float) -> float:
     """Return the beginning [s] of the next step of the integration: what begins within one acts from then on.
 
     Where steps become shorter, it still does.

@@ -29,20 +29,20 @@ from smsid.diagnose.sensor_faults import (
     stuck_channels,
 )
 from smsid.diagnose.specification_tests import open_joints
-from smsid.diagnose.standing_causes import standing
+from smsid.diagnose.standing_causes import find_standing_causes
 from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque import diagnose_torques, torques_were_measured
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.diagnose.validation import Gain, gain
-from smsid.diagnose.verdict import causes, is_piecewise_drift, limits, remaining, tested, verdict
+from smsid.diagnose.verdict import causes, is_piecewise_drift, limits, remaining_tests, test_results, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.bias_walk import bias_walks, with_walk_noise
 from smsid.estimation.identify_flights import labels_of
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.input_hold import locked
+from smsid.estimation.input_hold import locked_coordinates
 from smsid.estimation.joint_problem import (
-    Placed,
+    PlacedRecording,
     joint_problem,
     on_one_clock,
     on_own_clock,
@@ -52,7 +52,7 @@ from smsid.estimation.joint_problem import (
 )
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import JointPrior, Point
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.identify.estimate import Estimate
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
@@ -64,7 +64,7 @@ RATE = 25.0  # [Hz]
 
 @short_repr
 @dataclass(frozen=True)
-class Diagnosed:
+class DiagnosisRun:
     """A diagnosis with what it was made from; ``extended`` is the description with the causes in it.
 
     ``search`` is ``None`` when the recording was not evaluated, or by measured torques: then ``torques`` is
@@ -86,7 +86,7 @@ def diagnose(
     validation: Sequence[Recording] = (),
     rate: float = RATE,
     cutoff: float | None = None,
-) -> Diagnosed:
+) -> DiagnosisRun:
     """Say whether the simulation explains a recording, and if not, why.
 
     A welded arm whose torques were measured and not commanded is judged by these torques, see
@@ -114,13 +114,13 @@ def diagnose(
                 result, extended, torques = diagnose_torques(
                     description, recordings, estimate=estimate, validation=validation, cutoff=cutoff
                 )
-                made = Diagnosed(result, extended, torques=torques)
+                made = DiagnosisRun(result, extended, torques=torques)
             else:
                 made = _diagnose(description, recordings, estimate, validation, rate, names)
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("not evaluated: %s", error, exc_info=True)
             result = Diagnosis(description.name, names, "not_evaluated", str(error), gain_reason=str(error))
-            return Diagnosed(result, description)
+            return DiagnosisRun(result, description)
     result = replace(made.diagnosis, notes=(*doubts, *made.diagnosis.notes))
     return replace(made, diagnosis=result)
 
@@ -132,7 +132,7 @@ def _diagnose(
     validation: Sequence[Recording],
     rate: float,
     names: tuple[str, ...],
-) -> Diagnosed:
+) -> DiagnosisRun:
     for recording in recordings:
         recording.check(consistency=False, sensors_may_pause=True)
     labels = labels_of(recordings)
@@ -198,7 +198,7 @@ def _diagnose(
         # what explains a part only is a hint: a cause outside the catalogue looks like several within
         stand: Sequence[FoundCause | None] = (None,) * len(every)
         if not is_piecewise_drift(every):
-            by, stand = standing(found, every)
+            by, stand = find_standing_causes(found, every)
         every = tuple(s or c for s, c in zip(stand, every, strict=True))
         if decided == "unexplained":
             named = tuple(s for s in stand if s)
@@ -251,9 +251,9 @@ def _diagnose(
         partial=partial,
         gain=gained,
         gain_reason=reason,
-        remaining=remaining(found, decided),
+        remaining=remaining_tests(found, decided),
         tests={
-            name: tested(blocks, len(blocks))
+            name: test_results(blocks, len(blocks))
             for name, blocks in (("nominal", found.before), ("extended", found.blocks))
         },
         limits=limits(found),
@@ -262,7 +262,7 @@ def _diagnose(
         timing=found.seconds,
         notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *by.failed, *opened, *told, *gone) if n),
     )
-    return Diagnosed(result, extended, found, point=reached)
+    return DiagnosisRun(result, extended, found, point=reached)
 
 
 def _doubts(recordings: Sequence[Recording]) -> list[str]:
@@ -274,7 +274,7 @@ def _doubts(recordings: Sequence[Recording]) -> list[str]:
     return [f"'{r.name}' is doubtful: {said}" for r, own in found for said in Contradictions(own).sentences]
 
 
-def _problem(point: Point, placed: Placed, joint: JointPrior) -> Problem:
+def _problem(point: Point, placed: PlacedRecording, joint: JointPrior) -> Problem:
     """Return a recording as a problem; raises `RecordingError` for one that is too short or empty."""
     recording = placed.recording
     data = measurements_of(point.base, recording, point.description.effective_sensors())
@@ -289,10 +289,12 @@ def _problem(point: Point, placed: Placed, joint: JointPrior) -> Problem:
             f"There is nothing in '{placed.label}': none of the sensors' channels ever changes.",
             advice="Are the right channels mapped?",
         )
-    return Problem(recording, data, locked(point.base, recording), Timing(), Noise(), joint)
+    return Problem(
+        recording, data, locked_coordinates(point.base, recording), CommandTiming(), ProcessNoise(), joint
+    )
 
 
-def _timings(problem: Problem) -> list[tuple[str, Timing]]:
+def _timings(problem: Problem) -> list[tuple[str, CommandTiming]]:
     """Return how commands are taken to act in every recording, by its name; one alone needs none."""
     return [(p.label, p.timing) for p in problem.parts] or [("", problem.timing)]
 

@@ -25,7 +25,7 @@ from smsid.diagnose.model_comparison import (
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import Fit, fit, prior_of
+from smsid.estimation.map_estimate import MapFit, fit, prior_of
 from smsid.estimation.sensitivities import propagate
 
 LOGGER = logging.getLogger(__name__)
@@ -33,15 +33,15 @@ LOGGER = logging.getLogger(__name__)
 
 def exchange_step(
     causes: Sequence[Cause],
-    last: Fit,
-    nominal: Fit,
+    last: MapFit,
+    nominal: MapFit,
     candidates: Sequence[Candidate],
     levels: DetectionThresholds,
     *,
     exchange: bool = True,
     last_too: bool = False,
     settled: Collection[tuple[str, str, str]] = (),
-) -> tuple[list[Cause], Fit]:
+) -> tuple[list[Cause], MapFit]:
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
 
     Without ``exchange`` they stay and their aliases alone are judged: where misfit is counted, what a rival
@@ -66,12 +66,12 @@ def exchange_step(
             known = _by_key(less, candidates)
         else:
             columns = known = columns or _by_key(last, candidates)
-        own = _own(last, less, cause)
+        own = _cause_score(last, less, cause)
         if type(cause.score.candidate) is not Candidate:
             taken.discard(cause.score.candidate.key)
         rivals = [c for c in candidates if c.key in known and c.key not in taken]
         scores = scored(less, rivals, [known[c.key] for c in rivals])
-        better = _refitted(less, last, own, scores, levels) if exchange else None
+        better = _best_rival_fit(less, last, own, scores, levels) if exchange else None
         if better is not None:
             LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)
             own, last, columns = *better, {}
@@ -88,12 +88,12 @@ def exchange_step(
     return causes, last
 
 
-def _by_key(found: Fit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
+def _by_key(found: MapFit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
     """Return the whitened columns (N rows, d) of every candidate that has any."""
     return {candidates[i].key: c for i, c in signatures(found, candidates).items()}
 
 
-def recompute_evidence(causes: Sequence[Cause], last: Fit, nominal: Fit) -> list[Cause]:
+def recompute_evidence(causes: Sequence[Cause], last: MapFit, nominal: MapFit) -> list[Cause]:
     """Return the causes with the ratios they have in a fit to finer noise than they were found with.
 
     Each beside the others, to first order; one that has motion of its own, or cannot be taken out, as
@@ -104,13 +104,13 @@ def recompute_evidence(causes: Sequence[Cause], last: Fit, nominal: Fit) -> list
         less = _taken_out(last, cause, nominal)
         if less is None:
             continue
-        own = _own(last, less, cause)
+        own = _cause_score(last, less, cause)
         LOGGER.info("%s: ratio %.1f, now %.1f", cause.score.candidate.key, cause.ratio, own.ratio)
         causes[i] = replace(cause, ratio=max(cause.ratio, own.ratio))
     return causes
 
 
-def _taken_out(last: Fit, cause: Cause, nominal: Fit) -> Fit | None:
+def _taken_out(last: MapFit, cause: Cause, nominal: MapFit) -> MapFit | None:
     """Return a fit less a cause to first order; refitted, where how it moves itself is not of first order."""
     try:
         less = without_cause(last, cause.score.candidate, nominal)
@@ -122,7 +122,7 @@ def _taken_out(last: Fit, cause: Cause, nominal: Fit) -> Fit | None:
     return less
 
 
-def without_cause(found: Fit, candidate: Candidate, nominal: Fit) -> Fit:
+def without_cause(found: MapFit, candidate: Candidate, nominal: MapFit) -> MapFit:
     """Return a fit less a cause, to first order: what its effect does along the motion is left again.
 
     Its parameters are bound by their priors again, or no longer there; the others are free to make up for it,
@@ -149,31 +149,34 @@ def without_cause(found: Fit, candidate: Candidate, nominal: Fit) -> Fit:
     flat, prior = whitened.reshape(-1, len(unknowns)), prior_of(point, unknowns, found.problem)
     gram = flat.T @ flat + prior.rows.T @ prior.rows
     slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off
-    less = Fit(point, unknowns, found.problem, run, whitened, gram, slope, 0.0, found.changes, prior)
+    less = MapFit(point, unknowns, found.problem, run, whitened, gram, slope, 0.0, found.changes, prior)
     more = float(less.residual @ less.residual - found.residual @ found.residual)
     return replace(less, objective=found.objective + 0.5 * more)
 
 
-def _own(last: Fit, less: Fit, cause: Cause) -> Score:
+def _cause_score(last: MapFit, less: MapFit, cause: Cause) -> Score:
     """Return the score of a cause beside the others: what the fit loses without it."""
     index = [i for i, u in enumerate(last.unknowns) if u.name in cause.score.candidate.free]
     columns = last.whitened[:, :, index].reshape(-1, len(index))
     (beside,) = less.projected([columns])
     return replace(
-        cause.score, ratio=_unexplained(less) - _unexplained(last), columns=beside.left, taken=beside.taken
+        cause.score,
+        ratio=_residual_squares(less) - _residual_squares(last),
+        columns=beside.left,
+        taken=beside.taken,
     )
 
 
-def _unexplained(found: Fit) -> float:
+def _residual_squares(found: MapFit) -> float:
     """Return the sum of squares that no step of the fitted parameters takes away."""
     q, _ = found.factors
     within = q.T @ found.residual
     return float(found.residual @ found.residual - within @ within)
 
 
-def _refitted(
-    less: Fit, last: Fit, own: Score, scores: Sequence[Score], levels: DetectionThresholds
-) -> tuple[Score, Fit] | None:
+def _best_rival_fit(
+    less: MapFit, last: MapFit, own: Score, scores: Sequence[Score], levels: DetectionThresholds
+) -> tuple[Score, MapFit] | None:
     """Return the best rival and its fit where it gains clearly more than the cause, refitted too."""
     samples = last.run.samples
     best = max(scores, key=lambda s: s.information_gain(samples), default=None)
@@ -192,12 +195,12 @@ def _refitted(
 
 def eliminate_backward(
     causes: list[Cause],
-    last: Fit,
-    nominal: Fit,
+    last: MapFit,
+    nominal: MapFit,
     levels: DetectionThresholds,
     tried: int,
     proven: Collection[tuple[str, str, str]] = (),
-) -> tuple[list[Cause], Fit]:
+) -> tuple[list[Cause], MapFit]:
     """Leave out causes that the others made unnecessary, by Wald's statistic: of all parameters, or of those
     that make it do something; or as each of these may be zero by itself.
 
@@ -229,7 +232,7 @@ def eliminate_backward(
             LOGGER.info("not without %s: %s", worst.score.candidate.key, error)
             needed.append(worst)
             continue
-        if _missed(worst, last, rest, levels, tried, max(c.ratio for c in causes)):
+        if _is_needed(worst, last, rest, levels, tried, max(c.ratio for c in causes)):
             LOGGER.info("%s is missed", worst.score.candidate.key)
             needed.append(worst)
         else:
@@ -237,8 +240,8 @@ def eliminate_backward(
     return causes, last
 
 
-def _missed(
-    cause: Cause, last: Fit, rest: Fit, levels: DetectionThresholds, tried: int, strongest: float
+def _is_needed(
+    cause: Cause, last: MapFit, rest: MapFit, levels: DetectionThresholds, tried: int, strongest: float
 ) -> bool:
     """Whether the fit ``rest`` without a cause explains clearly less than ``last``, which has it."""
     own, score = cause.score.candidate, cause.score

@@ -14,7 +14,7 @@ from smsid.diagnose.stepwise import Search
 from smsid.effects import BodyError
 from smsid.effects.base import Effect
 from smsid.errors import DescriptionError, SmsidError
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.parameter_vector import Point
 from smsid.export.bodies import urdf_bodies
 from smsid.likelihood.consistent import consistent_inertias
@@ -27,7 +27,7 @@ LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Bodies:
+class BodyValues:
     """Inertial parameters of rigid bodies (bodies, 10), and what a unit of a step of them is."""
 
     inertias: np.ndarray
@@ -45,7 +45,7 @@ def extended_point(found: Search, hints: Sequence[Candidate] = ()) -> Point:
     return replace(point, description=point.description.model_copy(update={"effect": kept}))
 
 
-def with_inertial_shifts(point: Point, last: Fit) -> tuple[Description, tuple[str, ...]]:
+def with_inertial_shifts(point: Point, last: MapFit) -> tuple[Description, tuple[str, ...]]:
     """Return the description of a point, shifts of inertial parameters as ``body_error`` effects; and notes.
 
     Where a shifted body could not exist - the recording determines combinations of bodies only - the bodies
@@ -69,7 +69,7 @@ def with_inertial_shifts(point: Point, last: Fit) -> tuple[Description, tuple[st
         )
 
 
-def as_now(found: Fit) -> Point:
+def as_now(found: MapFit) -> Point:
     """Return where a fit of several recordings stands in the last: with effects beginning by its clock."""
     point, parts = found.point, found.problem.parts
     if not parts:
@@ -89,7 +89,7 @@ def as_now(found: Fit) -> Point:
     return replace(point, description=description)
 
 
-def _that_can_exist(found: Fit) -> dict[int, float]:
+def _that_can_exist(found: MapFit) -> dict[int, float]:
     """Return shifts by column of bodies that can exist, nearest to those of a fit."""
     point = found.point
     index = [i for i, u in enumerate(found.unknowns) if u.kind == "inertial"]
@@ -103,8 +103,8 @@ def _that_can_exist(found: Fit) -> dict[int, float]:
     places = [by_column[c] for c in columns]
     covariance = found.covariance()[np.ix_(places, places)]
     covariance = covariance / np.outer(sizes.ravel(), sizes.ravel())
-    there = Bodies(described + shifts, sizes)
-    near = consistent_inertias(there, Bodies(described, sizes), covariance)
+    there = BodyValues(described + shifts, sizes)
+    near = consistent_inertias(there, BodyValues(described, sizes), covariance)
     return dict(zip(columns, (near - described).ravel().tolist(), strict=True))
 
 

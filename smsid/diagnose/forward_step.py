@@ -26,7 +26,7 @@ from smsid.diagnose.model_comparison import (
     wald,
     with_further,
 )
-from smsid.diagnose.noise_covariance import Fitted, normalised_rmse, refit_noise, with_misfit
+from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse, refit_noise, with_misfit
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
@@ -35,7 +35,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.map_estimate import Fit, evaluate, fit
+from smsid.estimation.map_estimate import MapFit, evaluate, fit
 from smsid.estimation.problem import Problem
 from smsid.estimation.step_size import with_half_the_step
 
@@ -56,12 +56,12 @@ class State:
 
     def __init__(
         self,
-        fitted: Fitted,
+        fitted: InflatedFit,
         candidates: Sequence[Candidate],
         levels: DetectionThresholds,
         *,
         known: Sequence[Cause] = (),
-        nominal: Fit | None = None,
+        nominal: MapFit | None = None,
     ) -> None:
         """Begin with the nominal parameters fitted, or with causes ``known`` beside them already.
 
@@ -81,10 +81,10 @@ class State:
         self._finer = bool(known)
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}
-        self.scores = self._scored()
+        self.scores = self._score_remaining()
 
     @property
-    def current(self) -> Fit:
+    def current(self) -> MapFit:
         """The last fit."""
         return self.fitted.fit
 
@@ -170,7 +170,7 @@ class State:
         """
         self.proven = frozenset(c.score.candidate.key for c in self.causes) - self._settled
         whole = replace(self.current.problem, data=problem.data, noise=problem.noise)
-        back = Fitted(
+        back = InflatedFit(
             fit(self.current.point, self.current.unknowns, whole, iterations=2), np.ones(whole.data.rows)
         )
         self.fitted = with_misfit(replace(back, misfit=True, local=False))
@@ -180,7 +180,7 @@ class State:
         self._score_anew()
         return True
 
-    def take(self, found: Fit) -> bool:
+    def take(self, found: MapFit) -> bool:
         """Go on from another fit, as judged anew; return whether it is another."""
         if found is self.current:
             return False
@@ -205,7 +205,7 @@ class State:
             if opened is not None:
                 found, laws = opened
                 self.causes = [*(c for c in self.causes if c.score.candidate.key[:2] != own.key[:2]), *laws]
-                self.fitted = Fitted(found, np.ones(data.rows))
+                self.fitted = InflatedFit(found, np.ones(data.rows))
                 return True
         return False
 
@@ -264,7 +264,7 @@ class State:
         tests = memory(self.current, [c.score.candidate.location for c in self.causes])
         return tuple(t for t in tests if t.information_gain(self.samples) > gain and t.p_value < level)
 
-    def _restart(self, found: Fit) -> None:
+    def _restart(self, found: MapFit) -> None:
         """Go on from a better fit of the same parameters that a candidate led to."""
         self._restarts += 1
         LOGGER.info("the fit had not come to rest: %.1f to %.1f", self.current.objective, found.objective)
@@ -274,13 +274,13 @@ class State:
         self._out.clear()
         self._score_anew()
 
-    def _add(self, cause: Cause, found: Fit) -> None:
+    def _add(self, cause: Cause, found: MapFit) -> None:
         """Take an accepted cause in, in the place of those that are special cases of it."""
         levels, self._finer = self.levels, False
-        (cause,) = self._as_begun([cause], found)
+        (cause,) = self._with_fitted_onsets([cause], found)
         moved, found = refine_onset(found, cause.score)
         causes, found = drop_onset([*self.causes, replace(cause, score=moved)], found, levels)
-        *self.causes, cause = self._as_begun(causes, found)
+        *self.causes, cause = self._with_fitted_onsets(causes, found)
         within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
@@ -290,7 +290,7 @@ class State:
         self._out.update(c.score.candidate.key for c in within)
         strong = strong or (self._finer and max(c.ratio for c in self.causes) > levels.linear)
         if strong:
-            self._keep(finely_stepped(self.current))
+            self._keep(refine_steps(self.current))
         if counted:  # signatures are those in other noise
             self._score_anew()
         else:
@@ -298,10 +298,10 @@ class State:
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)
-        self.causes = self._as_begun(causes, found)
+        self.causes = self._with_fitted_onsets(causes, found)
         self._keep(found)
 
-    def _as_begun(self, causes: Sequence[Cause], found: Fit) -> list[Cause]:
+    def _with_fitted_onsets(self, causes: Sequence[Cause], found: MapFit) -> list[Cause]:
         """Return causes with the starts that their effects have in a fit; described ones are left alone."""
         described = {e.name for e in self.nominal.point.description.effect}
 
@@ -316,7 +316,7 @@ class State:
         self.nominal = self.current
         self.normalised_rmse = normalised_rmse(self.current.run, self.fitted.factors)
 
-    def _move(self, found: Fit, *, strong: bool) -> None:
+    def _move(self, found: MapFit, *, strong: bool) -> None:
         """Go on from another fit, with its noise levels.
 
         Where misfit is no longer counted, only now are beginnings seen as sharply as they can be, causes
@@ -336,16 +336,16 @@ class State:
             still, found = refine_onset(self.current, before.score)
             self.causes[i] = replace(before, score=still)
             self._keep(found)
-        self.causes = self._as_begun(self.causes, self.current)
+        self.causes = self._with_fitted_onsets(self.causes, self.current)
         self.causes = recompute_evidence(self.causes, self.current, self.nominal)
 
-    def _keep(self, found: Fit) -> None:
+    def _keep(self, found: MapFit) -> None:
         """Go on from another fit with the noise levels as they are."""
         self.fitted = replace(self.fitted, fit=found)
 
     def _score_anew(self) -> None:
         self._columns.clear()
-        self.scores = self._scored()
+        self.scores = self._score_remaining()
 
     def _score_again(self, before: FilterRun) -> None:
         """Score along another motion than one ``before``, with signatures of that where they do.
@@ -354,12 +354,12 @@ class State:
         changes is small beside what is left of them: of a payload beside its link's mass it is not.
         """
         moved = squared_distance(before, self.current.run)
-        refused = [s for s in self._scored() if s.p_value > REFUSED and s.excited > APART * moved]
+        refused = [s for s in self._score_remaining() if s.p_value > REFUSED and s.excited > APART * moved]
         keys = {s.candidate.key for s in refused}
         self._columns = {key: own for key, own in self._columns.items() if key in keys}
-        self.scores = self._scored(refused)
+        self.scores = self._score_remaining(refused)
 
-    def _scored(self, refused: Sequence[Score] = ()) -> list[Score]:
+    def _score_remaining(self, refused: Sequence[Score] = ()) -> list[Score]:
         """Score the candidates left, the best first; signatures already known are used again.
 
         Those ``refused`` keep their scores.
@@ -381,7 +381,7 @@ class State:
         return sorted((*scores, *refused), key=self._worth, reverse=True)
 
 
-def _told(causes: Sequence[Cause], found: Fit) -> list[float]:
+def _told(causes: Sequence[Cause], found: MapFit) -> list[float]:
     """Return Wald's statistic of each cause at a fit."""
     return [wald(found, c.score.candidate) for c in causes]
 
@@ -397,7 +397,9 @@ def squared_distance(run: FilterRun, other: FilterRun) -> float:
     return float((np.square(two - one).mean(axis=0) / np.where(size > 0.0, size, np.inf)).max(initial=0.0))
 
 
-def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThresholds) -> tuple[list[Cause], Fit]:
+def drop_onset(
+    causes: Sequence[Cause], current: MapFit, levels: DetectionThresholds
+) -> tuple[list[Cause], MapFit]:
     """Return the causes and the fit, those there all the time whose onset does not pay beside the others.
 
     One after the other, then all that are left together.
@@ -411,7 +413,7 @@ def drop_onset(causes: Sequence[Cause], current: Fit, levels: DetectionThreshold
 
 
 def in_one_recording(
-    current: Fit, scores: Sequence[Score], columns: Mapping[tuple[str, str, str], np.ndarray], alias: float
+    current: MapFit, scores: Sequence[Score], columns: Mapping[tuple[str, str, str], np.ndarray], alias: float
 ) -> list[Score]:
     """Return scores, each as of its effect in one recording alone where that explains clearly more.
 
@@ -450,7 +452,7 @@ SEEN = THRESHOLDS.steps_seen
 FINER = 3  # times that the steps are halved
 
 
-def finely_stepped(found: Fit) -> Fit:
+def refine_steps(found: MapFit) -> MapFit:
     """Return a fit with steps as short as its motion needs, or the same where they are short enough.
 
     A strong cause may make an arm swing far faster than anybody has reckoned with.
@@ -471,7 +473,7 @@ def finely_stepped(found: Fit) -> Fit:
     return found
 
 
-def discretisation_chi2(found: Fit) -> float:
+def discretisation_chi2(found: MapFit) -> float:
     """Return what errors of integration add to the sum of squares of innovations, beside the parameters.
 
     By the difference to the innovations of a filter with steps of half the length.

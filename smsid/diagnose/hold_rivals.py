@@ -17,7 +17,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.input_timing import timings
 from smsid.estimation.joint_problem import timed
 from smsid.estimation.map_estimate import fit
-from smsid.estimation.problem import Problem, Timing, recordings_of
+from smsid.estimation.problem import CommandTiming, Problem, recordings_of
 
 LOGGER = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ def as_inputs_act(found: Search) -> Problem:
     paid = apart + sum(len(c.free) for c in late) * float(np.log(found.samples))
     chosen, best = last.problem, 2.0 * last.objective + paid
     for choice in dict.fromkeys(t for p in recordings_of(last.problem) for t in timings(p.recording)):
-        other = _acting(last.problem, choice)
+        other = _with_hold(last.problem, choice)
         for gone, price in ((late, 0.0), ([], paid + apart)):
             try:
                 less = last
@@ -53,7 +53,7 @@ def as_inputs_act(found: Search) -> Problem:
     return chosen
 
 
-def _acting(problem: Problem, choice: Timing) -> Problem:
+def _with_hold(problem: Problem, choice: CommandTiming) -> Problem:
     """Return a problem whose commands act in one way in every recording that may be of it."""
     own = [choice if choice in timings(p.recording) else p.timing for p in recordings_of(problem)]
     parts = tuple(replace(p, timing=t) for p, t in zip(problem.parts, own, strict=False))

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ValidationError
 
-from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, Oscillating
+from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, OscillatorHypothesis
 from smsid.diagnose.profiled_hypothesis import (
     GravityGradientHypothesis,
     Imbalance,
@@ -354,7 +354,7 @@ FURTHER = 2  # of them that are looked for
 PER_CYCLE = 5.0  # least number of samples
 
 
-def more_slosh(point: Point, problem: Problem) -> Iterator[Oscillating]:
+def more_slosh(point: Point, problem: Problem) -> Iterator[OscillatorHypothesis]:
     """Yield the candidate of one more slosh mass in the bus."""
     model = point.base
     if not model.free:
@@ -362,13 +362,13 @@ def more_slosh(point: Point, problem: Problem) -> Iterator[Oscillating]:
     springs = AddedOscillatorHypothesis(np.zeros(3), np.eye(3), np.eye(3))
     name = _unused(point, "slosh_more")
     grid = _grid(problem, SLOSH)
-    yield Oscillating(
+    yield OscillatorHypothesis(
         "slosh", body_names(model.pin)[0], "slosh", "another slosh mass", None, (), (),
         name=name, springs=springs, frequencies=grid,
     )  # fmt: skip
 
 
-def more_modes(point: Point, problem: Problem) -> Iterator[Oscillating]:
+def more_modes(point: Point, problem: Problem) -> Iterator[OscillatorHypothesis]:
     """Yield the candidate of one more mode of every appendage of the bus, that bends as its first does."""
     model = point.base
     for joints in model.appendages:
@@ -391,7 +391,7 @@ def more_modes(point: Point, problem: Problem) -> Iterator[Oscillating]:
             np.array([turn[:, k] for k in across]),
             spread=max(float(np.linalg.norm(whole)), 0.1) / np.sqrt(12.0),
         )
-        yield Oscillating(
+        yield OscillatorHypothesis(
             "extra_mode", part.name, "appendage", "another mode", None, (), (),
             name=_unused(point, f"{part.name}_more"), springs=springs, frequencies=_grid(problem, MODE),
             appendage=part.name, turn=turn.T, root=root,

@@ -12,11 +12,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid._statistics import NORMAL95
-from smsid.diagnose.profiled_hypothesis import Resolved
+from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
 from smsid.diagnose.score_test import Candidate, Score, correlation, odds
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import Fit, fit, within_reach
+from smsid.estimation.map_estimate import MapFit, fit, within_reach
 from smsid.estimation.parameter_vector import Unknown
 
 LOGGER = logging.getLogger(__name__)
@@ -41,13 +41,13 @@ class Cause:
 
 
 def accept(
-    current: Fit,
+    current: MapFit,
     best: Score,
     scores: Sequence[Score],
     levels: DetectionThresholds,
     tried: int,
     worth: Callable[[Score], float] = lambda s: s.ratio,
-) -> tuple[Cause | None, Fit]:
+) -> tuple[Cause | None, MapFit]:
     """Refit the best candidate, and its contenders where the linear score may be off; return the winner.
 
     ``tried`` is the number of candidates, which chances are corrected for; contenders are ``worth`` nearly as
@@ -66,7 +66,7 @@ def accept(
             still = next((s for s in rivals if s.candidate.start is None), None)
             if still is not None and not any(s is still for s in contenders):
                 contenders.append(still)
-    fitted: list[tuple[float, Score, Fit]] = []
+    fitted: list[tuple[float, Score, MapFit]] = []
     at_most = np.inf
     for s in contenders:
         found = refit(current, s, at_most)
@@ -199,7 +199,9 @@ def best_subset_odds(s: Score, samples: int) -> float:
     """Return the odds of a score with those of its parameters alone that have most: few may do, the rest are
     paid for nothing. How many sets there are of as many is paid for.
     """
-    if isinstance(s.candidate, Resolved):  # where it is was searched for: it has all it was found with
+    if isinstance(
+        s.candidate, ResolvedHypothesis
+    ):  # where it is was searched for: it has all it was found with
         return s.odds(samples)
     gram, count = s.columns.T @ s.columns, len(s.estimate)
     size = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
@@ -215,14 +217,14 @@ def best_subset_odds(s: Score, samples: int) -> float:
     return best
 
 
-def cost(current: Fit, s: Score, found: Fit) -> float:
+def cost(current: MapFit, s: Score, found: MapFit) -> float:
     """Return what a refitted candidate costs in Bayes's criterion, the further parameters it freed too."""
     samples = found.run.samples
     more = {u.name for u in found.unknowns} & set(s.candidate.also) - {u.name for u in current.unknowns}
     return s.ratio - s.information_gain(samples) + len(more) * float(np.log(samples))
 
 
-def without_candidate(current: Fit, found: Fit, candidate: Candidate) -> Fit:
+def without_candidate(current: MapFit, found: MapFit, candidate: Candidate) -> MapFit:
     """Return the better of a fit and one from where another ended, ``found``, that has a candidate more."""
     point = found.point
     if candidate.effect is not None:
@@ -238,7 +240,7 @@ def without_candidate(current: Fit, found: Fit, candidate: Candidate) -> Fit:
     return further if further.objective < current.objective else current
 
 
-def refit(current: Fit, s: Score, at_most: float = np.inf) -> Fit | None:
+def refit(current: MapFit, s: Score, at_most: float = np.inf) -> MapFit | None:
     """Return the fit with a candidate's parameters free, started from its linear estimate; given up where it
     does not come to the objective ``at_most``.
     """
@@ -258,13 +260,13 @@ def refit(current: Fit, s: Score, at_most: float = np.inf) -> Fit | None:
             if not at.physical():
                 continue
             found = fit(at, unknowns, current.problem, iterations=12, at_most=at_most)
-            return _with_more(found, candidate) if found.objective < at_most else found
+            return _fit_further_parameters(found, candidate) if found.objective < at_most else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
     return None
 
 
-def unfitted_parameters(found: Fit, candidate: Candidate) -> list[Unknown]:
+def unfitted_parameters(found: MapFit, candidate: Candidate) -> list[Unknown]:
     """Return the further parameters of a candidate's effect that a fit with it holds as they are, free."""
     fitted = {u.name for u in found.unknowns}
     names = [n for n in candidate.also if n not in fitted]
@@ -276,13 +278,13 @@ def unfitted_parameters(found: Fit, candidate: Candidate) -> list[Unknown]:
     ]
 
 
-def _with_more(found: Fit, candidate: Candidate) -> Fit:
+def _fit_further_parameters(found: MapFit, candidate: Candidate) -> MapFit:
     """Return the fit with a candidate's further parameters free too where they gain what they cost: all of
     them, else those that do alone (the components of a vector together).
     """
     more, price = _promising(found, candidate), float(np.log(found.run.samples))
 
-    def freed(some: Sequence[Unknown]) -> tuple[float, Fit]:
+    def freed(some: Sequence[Unknown]) -> tuple[float, MapFit]:
         try:
             free, least = (*found.unknowns, *some), found.objective - 0.5 * price
             larger = fit(found.point, free, found.problem, iterations=20, at_most=least)
@@ -302,20 +304,20 @@ def _with_more(found: Fit, candidate: Candidate) -> Fit:
     return larger if paid > 0.0 else found
 
 
-def with_further(found: Fit, causes: Sequence[Cause]) -> Fit | None:
+def with_further(found: MapFit, causes: Sequence[Cause]) -> MapFit | None:
     """Return a fit with further parameters of a cause free, of the first that has some which pay, else none.
 
     A payload whose centre of mass is not in the tool's frame leaves what another link's inertia would; freed
     when it was found, its place may not have paid for itself.
     """
     for cause in causes:
-        larger = _with_more(found, cause.score.candidate)
+        larger = _fit_further_parameters(found, cause.score.candidate)
         if larger is not found:
             return larger
     return None
 
 
-def _promising(found: Fit, candidate: Candidate) -> list[Unknown]:
+def _promising(found: MapFit, candidate: Candidate) -> list[Unknown]:
     """Return further parameters of a candidate that a fit holds, where slopes promise that they pay."""
     more = unfitted_parameters(found, candidate)
     try:
@@ -326,7 +328,7 @@ def _promising(found: Fit, candidate: Candidate) -> list[Unknown]:
     return more if THRESHOLDS.curved * promised > float(np.log(found.run.samples)) else []
 
 
-def wald(found: Fit, candidate: Candidate, *, held: bool = False, strength: bool = False) -> float:
+def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: bool = False) -> float:
     """Return Wald's statistic of a candidate's parameters at a fit: how far they are from doing nothing.
 
     Small beside a large likelihood ratio, they ran away: only without end would they explain what is there.
@@ -349,7 +351,7 @@ def wald(found: Fit, candidate: Candidate, *, held: bool = False, strength: bool
     return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))
 
 
-def as_fitted(score: Score, found: Fit) -> Score:
+def as_fitted(score: Score, found: MapFit) -> Score:
     """Return a score as of a fit with its candidate: by Wald, where no model without it follows."""
     own = {u.name: found.point.value(u) - u.nominal for u in found.unknowns}
     free = zip(score.candidate.free, score.candidate.steps, strict=True)
@@ -366,7 +368,7 @@ def strengths(candidate: Candidate) -> np.ndarray:
     return named if named.any() else np.arange(len(fields)) == 0
 
 
-def each_may_be_zero(found: Fit, candidate: Candidate) -> bool:
+def each_may_be_zero(found: MapFit, candidate: Candidate) -> bool:
     """Whether the 95 % interval of every parameter that makes a candidate do something holds nothing."""
     names = [u.name for u in found.unknowns]
     index = np.array([names.index(n) for n in candidate.free])[strengths(candidate)]

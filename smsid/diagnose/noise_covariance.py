@@ -17,14 +17,14 @@ from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.loosening import loosened
-from smsid.estimation.map_estimate import ENOUGH, Fit, continued, evaluate, fit
-from smsid.estimation.measurements import ChannelSlice, Measured, matrix
+from smsid.estimation.loosening import loosen_model
+from smsid.estimation.map_estimate import ENOUGH, MapFit, continue_fit, evaluate, fit
+from smsid.estimation.measurements import ChannelSlice, Measurements, matrix
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.problem import Noise, Problem
+from smsid.estimation.problem import Problem, ProcessNoise
 
 LOGGER = logging.getLogger(__name__)
-LOOSE = Noise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
+LOOSE = ProcessNoise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
 HALF = 0.5  # share of the squared errors that a channel takes with it that strays by itself
@@ -35,7 +35,7 @@ NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near 
 
 
 @dataclass(frozen=True)
-class Fitted:
+class InflatedFit:
     """A fit with the noise levels it was made with: factors on the stated ones (rows,).
 
     ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone;
@@ -43,7 +43,7 @@ class Fitted:
     structure whose motion was taken as unknown; where ``local`` is ``False``, none may be.
     """
 
-    fit: Fit
+    fit: MapFit
     factors: np.ndarray
     misfit: bool = False
     alone: bool = False
@@ -66,7 +66,7 @@ class Fitted:
         return float(self.factors**2 @ gained)
 
 
-def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fitted:
+def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> InflatedFit:
     """Fit parameters to the noise as stated, not to the end.
 
     Raises `SimulationError` when the start cannot be filtered.
@@ -74,12 +74,12 @@ def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> Fi
     try:
         found = fit(point, unknowns, problem, iterations=3)
         if normalised_rmse(found.run) <= MISFIT:
-            return Fitted(found, np.ones(problem.data.rows))
+            return InflatedFit(found, np.ones(problem.data.rows))
     except SimulationError as error:
         LOGGER.info("not at once: %s", error)
     # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
     near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
-    return Fitted(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+    return InflatedFit(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
 
 
 def strays_by_row(run: FilterRun, factors: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def strays_by_row(run: FilterRun, factors: np.ndarray) -> np.ndarray:
     return out
 
 
-def with_levels(found: Fitted, given: Point | None = None) -> Fitted:
+def with_levels(found: InflatedFit, given: Point | None = None) -> InflatedFit:
     """Return a first fit with the noise level of every channel fitted, too; ``given`` is where it began.
 
     Where what is left is `MISFIT` times the noise or more, the model cannot follow, and no fit to the noise
@@ -105,7 +105,7 @@ def with_levels(found: Fitted, given: Point | None = None) -> Fitted:
         own = found.fit
         alone = but_for_one(given or own.point, own.problem, own.unknowns, found.factors, own.run)
         return alone or with_misfit(replace(found, misfit=True))
-    return _with_noise(replace(found, fit=continued(found.fit, iterations=8)))
+    return _with_noise(replace(found, fit=continue_fit(found.fit, iterations=8)))
 
 
 def but_for_one(
@@ -114,7 +114,7 @@ def but_for_one(
     unknowns: Sequence[Unknown],
     factors: np.ndarray,
     strayed: FilterRun | None = None,
-) -> Fitted | None:
+) -> InflatedFit | None:
     """Return the fit of all channels but one that strays by itself, where the others are followed; ``given``
     is where it begins, ``factors`` (rows,) are levels of the noise, ``strayed`` is the run of a first fit.
 
@@ -127,11 +127,11 @@ def but_for_one(
         if lost is None:
             return None
         problem = with_unknown(whole, lost.channel)
-        fitted = continued(first_fit(given, problem, unknowns).fit, iterations=8)
+        fitted = continue_fit(first_fit(given, problem, unknowns).fit, iterations=8)
         if normalised_rmse(fitted.run) > FOLLOWED:
             return None
         LOGGER.info("%s strays by itself", lost.channel)
-        levels = with_levels(Fitted(fitted, factors))
+        levels = with_levels(InflatedFit(fitted, factors))
         run, values = levels.fit.run, whole.data.values.copy()
         seen = zip(run.predicted, run.states.q, strict=True)
         turns = [(x, matrix(q[3:7]) if levels.fit.changes.model.free else None) for x, q in seen]
@@ -155,7 +155,7 @@ def _suspect(given: Point, whole: Problem, strayed: FilterRun | None) -> Channel
     which one do they least?
     """
     blocks, model = whole.data.blocks, given.model()
-    loose = loosened(model, at_point(given, whole), 1.0)
+    loose = loosen_model(model, at_point(given, whole), 1.0)
 
     def left(problem: Problem) -> float:
         try:
@@ -176,8 +176,8 @@ def _suspect(given: Point, whole: Problem, strayed: FilterRun | None) -> Channel
 
 
 def refit_noise(
-    found: Fitted, *, strong: bool = False, told: Callable[[Fit], Sequence[float]] = lambda found: ()
-) -> Fitted:
+    found: InflatedFit, *, strong: bool = False, told: Callable[[MapFit], Sequence[float]] = lambda found: ()
+) -> InflatedFit:
     """Return a fit with its noise levels found again, where misfit was counted in them or may have been.
 
     ``strong``: a cause was found since that the levels may have had a part of. A structure is taken as
@@ -197,8 +197,8 @@ def refit_noise(
 
 
 def but_for_a_structure(
-    found: Fitted, held: Callable[[str], Collection[str]] = lambda place: ()
-) -> Fitted | None:
+    found: InflatedFit, held: Callable[[str], Collection[str]] = lambda place: ()
+) -> InflatedFit | None:
     """Return the fit to the noise as stated with the motion of one structure unknown and its own channels
     left out, where all else is followed; else nothing.
 
@@ -208,7 +208,7 @@ def but_for_a_structure(
     last, stated = found.fit, found.fit.problem.data.scaled(1.0 / found.factors)
     for place, problem in unknown_structures(last, replace(last.problem, data=stated)):
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
-        rest = followed(last.point, unknowns, problem)
+        rest = fit_to_stated_noise(last.point, unknowns, problem)
         if rest is None:
             continue
         LOGGER.info("followed to the noise with %s unknown", place)
@@ -216,7 +216,7 @@ def but_for_a_structure(
     return None
 
 
-def unknown_structures(found: Fit, problem: Problem) -> Iterator[tuple[str, Problem]]:
+def unknown_structures(found: MapFit, problem: Problem) -> Iterator[tuple[str, Problem]]:
     """Yield the name of every structure, and a problem as a fit's in which its motion is unknown and its own
     channels are left out.
     """
@@ -229,14 +229,14 @@ def unknown_structures(found: Fit, problem: Problem) -> Iterator[tuple[str, Prob
         yield place, with_unknown(problem, *own, run=found.run, dofs=dofs, held=len(data.times))
 
 
-def _exact(found: Fitted) -> Fitted | None:
+def _exact(found: InflatedFit) -> InflatedFit | None:
     """Return the fit to the noise as it is stated, where the model follows the recording that far."""
     stated = found.fit.problem.data.scaled(1.0 / found.factors)
-    exact = followed(found.fit.point, found.fit.unknowns, replace(found.fit.problem, data=stated))
-    return None if exact is None else _with_noise(Fitted(exact, np.ones(stated.rows)))
+    exact = fit_to_stated_noise(found.fit.point, found.fit.unknowns, replace(found.fit.problem, data=stated))
+    return None if exact is None else _with_noise(InflatedFit(exact, np.ones(stated.rows)))
 
 
-def followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit | None:
+def fit_to_stated_noise(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> MapFit | None:
     """Return a fit to the noise as stated, or nothing where the model does not follow that far: where one
     component alone is left far off, all would be known too well.
     """
@@ -244,7 +244,7 @@ def followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit
         found = fit(point, unknowns, problem, iterations=2)
         if normalised_rmse(found.run) > MISFIT:
             return None
-        found = continued(found, iterations=6)
+        found = continue_fit(found, iterations=6)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("not to the noise: %s", error)
         return None
@@ -253,7 +253,7 @@ def followed(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit
     return found if left < THRESHOLDS.own_channel and normalised_rmse(found.run) <= FOLLOWED else None
 
 
-def _with_noise(found: Fitted) -> Fitted:
+def _with_noise(found: InflatedFit) -> InflatedFit:
     for _ in range(2):
         factor = noise_factors(found.fit.problem.data, found.fit.run)
         if np.abs(factor - 1.0).max() < 0.03:
@@ -262,7 +262,7 @@ def _with_noise(found: Fitted) -> Fitted:
     return found
 
 
-def with_misfit(found: Fitted) -> Fitted:
+def with_misfit(found: InflatedFit) -> InflatedFit:
     """Return the fit whose noise levels are those of what it leaves, the likeliest of both; where little is
     left, that to the noise as stated.
 
@@ -281,7 +281,9 @@ def with_misfit(found: Fitted) -> Fitted:
     return (_exact(found) if near else None) or found
 
 
-def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH) -> Fitted:
+def _scaled(
+    found: InflatedFit, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH
+) -> InflatedFit:
     problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor))
     again = partial(fit, unknowns=found.fit.unknowns, problem=problem, iterations=iterations, enough=enough)
     try:
@@ -292,7 +294,7 @@ def _scaled(found: Fitted, factor: np.ndarray, iterations: int = 8, enough: floa
     return replace(found, fit=fitted, factors=found.factors * factor)
 
 
-def noise_factors(data: Measured, run: FilterRun) -> np.ndarray:
+def noise_factors(data: Measurements, run: FilterRun) -> np.ndarray:
     """Return what every channel's stated noise is off by (rows,), from its prediction errors.
 
     From their variance, or where that is clearly larger, from that of their differences: what varies slowly
@@ -319,7 +321,7 @@ def noise_factors(data: Measured, run: FilterRun) -> np.ndarray:
     return out
 
 
-def misfit_factors(data: Measured, run: FilterRun) -> np.ndarray:
+def misfit_factors(data: Measurements, run: FilterRun) -> np.ndarray:
     """Return by what the noise of every component (rows,) is to grow for its misfit to weigh as noise.
 
     White noise of that level has as much power as the prediction errors at the frequency where they have

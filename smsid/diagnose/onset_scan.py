@@ -18,14 +18,14 @@ import numpy as np
 
 from smsid.diagnose.score_test import EXCITED
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.sensitivities import Sensitivity
 
 ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
 
 
 def onset_ratios(
-    found: Fit, groups: Sequence[Sequence[Sensitivity]], one_sided: Sequence[bool]
+    found: MapFit, groups: Sequence[Sequence[Sensitivity]], one_sided: Sequence[bool]
 ) -> list[np.ndarray]:
     """Return the likelihood ratios (2 N - 1,) of groups of changes that begin at samples and middles.
 

@@ -14,9 +14,9 @@ from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import KalmanFilter, run_filter
-from smsid.estimation.map_estimate import Fit
-from smsid.estimation.measurements import Measured
-from smsid.estimation.problem import Belief, Noise, Problem, recordings_of
+from smsid.estimation.map_estimate import MapFit
+from smsid.estimation.measurements import Measurements
+from smsid.estimation.problem import Belief, Problem, ProcessNoise, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
@@ -95,7 +95,7 @@ def _smoothed_start(model: SpacecraftModel, problem: Problem, closed: FilterRun)
 def _simulated(model: SpacecraftModel, problem: Problem, start: Belief, *, derive: bool = False) -> FilterRun:
     """Return the run from a start that no reading corrects; if asked, with derivatives along the motion."""
     exact = Belief(start.q, start.v, np.diag(np.full(2 * model.nv, EXACT**2)))
-    no_noise = Noise(force=0.0, torque=0.0, joint=0.0, wheel=0.0)
+    no_noise = ProcessNoise(force=0.0, torque=0.0, joint=0.0, wheel=0.0)
     deaf = replace(problem.data, sigma=np.full(problem.data.rows, 1.0 / EXACT))
     alone = replace(problem, data=deaf, noise=no_noise, begin=exact, bias_walks=())
     return run_filter(model, alone, until=np.inf if derive else -np.inf)
@@ -113,7 +113,7 @@ def _by_start(run: FilterRun, nv: int) -> np.ndarray:
     return out * run.used[:, :, None]
 
 
-def _levels(data: Measured, run: FilterRun) -> np.ndarray:
+def _levels(data: Measurements, run: FilterRun) -> np.ndarray:
     """Return the size of the errors (rows,) by channel: what is left, but at least the noise."""
     out = data.sigma.copy()
     for block in data.blocks:
@@ -132,7 +132,7 @@ SETTLE = 5.0  # [s] corrected before the model runs by itself
 QUANTITIES = ("joint_velocity", "angular_rate", "velocity")
 
 
-def unexplained_fraction(fit: Fit, noise: dict[str, float]) -> float:
+def unexplained_fraction(fit: MapFit, noise: dict[str, float]) -> float:
     """Return the share of the motion that a model does not follow, open loop: the median of all rates.
 
     ``noise`` are noise levels over the stated ones by channel, as the fit has them. Not a number where

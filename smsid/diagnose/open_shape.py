@@ -18,13 +18,13 @@ from scipy.stats import chi2
 
 from smsid.arm.columns import JointStates
 from smsid.diagnose.model_comparison import Cause, as_fitted
-from smsid.diagnose.noise_covariance import followed
+from smsid.diagnose.noise_covariance import fit_to_stated_noise
 from smsid.diagnose.score_test import Candidate, Score, correlation, linear_torques, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.map_estimate import Fit, evaluate, fit
+from smsid.estimation.map_estimate import MapFit, evaluate, fit
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
@@ -48,7 +48,7 @@ def with_open_shape(
     problem: Problem,
     candidate: Candidate,
     candidates: Sequence[Candidate],
-) -> tuple[Fit, tuple[Cause, ...]] | None:
+) -> tuple[MapFit, tuple[Cause, ...]] | None:
     """Return the fit with the shape of a cause's law left open, and the laws that it takes; nothing where the
     recording is not followed to the noise so, or the torque errs by more than `THRESHOLDS.mostly` leaves.
 
@@ -64,8 +64,8 @@ def with_open_shape(
         }
         rest = [u for u in unknowns if u.name not in own]
         every = {u.name: u for c in laws for u in (*c.unknowns(rest), *_further(point, c))}
-        fitted = _levelled(point, [*rest, *every.values()], problem, dof)
-        told = _not_rejected(fitted, laws)
+        fitted = _fit_torque_noise(point, [*rest, *every.values()], problem, dof)
+        told = _smallest_accepted_set(fitted, laws)
         if not told:
             return None
         named, *others = told
@@ -75,8 +75,10 @@ def with_open_shape(
         off = {n: every[n].nominal for n in strengths - mine}
         effect = candidate.instance(fitted.point).with_values(off)
         kept = {u.name: u for c in named for u in (*c.unknowns(rest), *_further(point, c))}
-        fitted = _levelled(fitted.point.with_effect(effect), [*rest, *kept.values()], fitted.problem, dof)
-        exact = followed(fitted.point, fitted.unknowns, fitted.problem)
+        fitted = _fit_torque_noise(
+            fitted.point.with_effect(effect), [*rest, *kept.values()], fitted.problem, dof
+        )
+        exact = fit_to_stated_noise(fitted.point, fitted.unknowns, fitted.problem)
         if exact is None:
             return None
         torque = _torque(exact, named)
@@ -107,7 +109,7 @@ def _further(point: Point, candidate: Candidate) -> list[Unknown]:
     ]
 
 
-def _levelled(point: Point, unknowns: Sequence[Unknown], problem: Problem, dof: int) -> Fit:
+def _fit_torque_noise(point: Point, unknowns: Sequence[Unknown], problem: Problem, dof: int) -> MapFit:
     """Return a fit with the noise of a torque at which it is likeliest."""
     drive = problem.inputs(point.model()).applied(point.model())
     size = float(np.sqrt(np.mean([drive(float(t))[dof] ** 2 for t in problem.data.times[::10]])))
@@ -130,7 +132,7 @@ def _loose(problem: Problem, dof: int, sigma: float) -> Problem:
     return replace(problem, noise=replace(problem.noise, shapes=((dof, sigma),)))
 
 
-def _not_rejected(found: Fit, laws: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
+def _smallest_accepted_set(found: MapFit, laws: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
     """Return the fewest laws beside which all others of a place may be nothing, the likeliest first."""
     names = [u.name for u in found.unknowns]
     covariance = found.covariance()
@@ -155,7 +157,7 @@ def _not_rejected(found: Fit, laws: Sequence[Candidate]) -> list[tuple[Candidate
     return []
 
 
-def _torque(found: Fit, named: Sequence[Candidate]) -> float:
+def _torque(found: MapFit, named: Sequence[Candidate]) -> float:
     """Return the rms of the torque of laws along a motion."""
     s, effect = found.run.middle, named[0].instance(found.point)
     values = {p.name: p.value for p in effect.parameters()}
@@ -166,7 +168,7 @@ def _torque(found: Fit, named: Sequence[Candidate]) -> float:
 
 
 def _causes(
-    found: Fit,
+    found: MapFit,
     rest: Sequence[Unknown],
     named: Sequence[Candidate],
     others: dict[tuple[str, str, str], Candidate],

@@ -14,7 +14,7 @@ from scipy.stats import laplace, norm
 from smsid.diagnose.sensor_faults import Fault
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.measurements import Measured
+from smsid.estimation.measurements import Measurements
 from smsid.estimation.problem import Problem
 
 OUTLIER = THRESHOLDS.outlier
@@ -25,7 +25,7 @@ ALONE = THRESHOLDS.outlier_alone
 ELSEWHERE = THRESHOLDS.outlier_elsewhere
 
 
-def outliers(data: Measured, run: FilterRun) -> list[Fault]:
+def outliers(data: Measurements, run: FilterRun) -> list[Fault]:
     """Return the channels with more single samples far off than Gaussian noise has, and which they are.
 
     Few of them have to be of what cannot jump there and back in a sample, which an acceleration can, with
@@ -34,7 +34,7 @@ def outliers(data: Measured, run: FilterRun) -> list[Fault]:
     """
     found = []
     size = np.abs(run.normalised)
-    before, after = _beside(size, run.used)
+    before, after = _neighbour_readings(size, run.used)
     many = (size > OUTLIER) & ((before < CALM) | (after < CALM))
     few = (size > ALONE) & (before < CALM) & (after < CALM)
     for block in data.blocks:
@@ -56,7 +56,7 @@ def outliers(data: Measured, run: FilterRun) -> list[Fault]:
 
 
 def recount_outliers(
-    faults: Sequence[Fault], whole: Measured, problem: Problem, run: FilterRun
+    faults: Sequence[Fault], whole: Measurements, problem: Problem, run: FilterRun
 ) -> list[Fault]:
     """Return the faults with their shares as a fit without them sees them, less those it shows to be none.
 
@@ -85,7 +85,7 @@ def recount_outliers(
     return found
 
 
-def _beside(size: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _neighbour_readings(size: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the reading before and the one after each (N, rows), infinite where there is none."""
     before, after = np.full((2, *size.shape), np.inf)
     for row in range(size.shape[1]):

@@ -21,7 +21,7 @@ from smsid.estimation.likelihood_profile import (
     at_rest,
     bent_intervals,
 )
-from smsid.estimation.map_estimate import Fit, evaluate, fit, objective
+from smsid.estimation.map_estimate import MapFit, evaluate, fit, objective
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
@@ -52,7 +52,7 @@ class PosteriorOfProblem:
         return best.point, best.objective
 
 
-def profile_intervals(found: Fit, causes: Sequence[Cause]) -> tuple[Fit, dict[str, Interval]]:
+def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, dict[str, Interval]]:
     """Return the fit at the top of its ridge, and intervals (95 %) that no Gaussian describes, by name."""
     if found.problem.noise.shapes:  # their errors are none of the likelihood's
         return found, {}
@@ -80,13 +80,13 @@ def profile_intervals(found: Fit, causes: Sequence[Cause]) -> tuple[Fit, dict[st
     return found, {}
 
 
-def _is_poorly_known(found: Fit, covariance: np.ndarray, i: int) -> bool:
+def _is_poorly_known(found: MapFit, covariance: np.ndarray, i: int) -> bool:
     unknown = found.unknowns[i]
     value, sigma = found.point.value(unknown), np.sqrt(covariance[i, i]) * unknown.scale
     return unknown.kind == "effect" and 0.0 <= unknown.lower < value and sigma > POORLY * value
 
 
-def _from(found: Fit, unknown: Unknown, ends: Interval) -> Interval:
+def _from(found: MapFit, unknown: Unknown, ends: Interval) -> Interval:
     value = found.point.value(unknown)
     low, high = (value + end * unknown.scale for end in ends)
     return max(float(low), unknown.lower), min(float(high), unknown.upper)

@@ -26,7 +26,7 @@ from smsid.diagnose.score_test import (
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.external import Bodies, GravityGradient
 from smsid.effects.payload import WheelImbalance, point_parameters
-from smsid.estimation.map_estimate import Fit, Projected
+from smsid.estimation.map_estimate import MapFit, ProjectedColumns
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
@@ -35,7 +35,7 @@ FAR = 5.0  # [m] from the reference: further away nothing of a spacecraft sits
 
 
 @dataclass(frozen=True)
-class Resolved(Candidate):
+class ResolvedHypothesis(Candidate):
     """What a search settled on: ``effect`` has what was found, but for the strength, its first parameter.
 
     ``means`` are those of the priors that the effect states, by parameter: where it began to search.
@@ -71,12 +71,12 @@ class Shape:
     label: Any
 
 
-Settled = tuple[Resolved, np.ndarray, np.ndarray, bool]
+Settled = tuple[ResolvedHypothesis, np.ndarray, np.ndarray, bool]
 """What a shape stands for, see `Searched.resolved`."""
 
 
 @dataclass(frozen=True)
-class Searched(Candidate):
+class ProfiledHypothesis(Candidate):
     """A candidate whose columns are those of several shapes."""
 
     def shapes(self) -> tuple[Shape, ...]:
@@ -100,13 +100,17 @@ class Searched(Candidate):
         coefficients, _, ratio, values = least_squares(gram, slope, raw)
         return coefficients, ratio, values
 
-    def scored(self, found: Fit, own: Projected) -> Score:
+    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score of the best shape; the number of shapes is paid for."""
         return best_shape(self, found, own, self.shapes(), self.grid)
 
 
 def best_shape(
-    candidate: Searched, found: Fit, beside: Projected, shapes: Sequence[Shape], variants: int = 1
+    candidate: ProfiledHypothesis,
+    found: MapFit,
+    beside: ProjectedColumns,
+    shapes: Sequence[Shape],
+    variants: int = 1,
 ) -> Score:
     """Return the score of the best of some shapes of a candidate, by their odds.
 
@@ -150,7 +154,7 @@ def best_shape(
 
 
 @dataclass(frozen=True)
-class Imbalance(Searched):
+class Imbalance(ProfiledHypothesis):
     """A wheel's imbalance of unknown phase; ``free`` are its size and its phase.
 
     ``joint`` is the wheel's.
@@ -185,7 +189,7 @@ class Imbalance(Searched):
         along = np.array([np.cos(phase), np.sin(phase)])
         across = np.array([-along[1], along[0]])
         by = np.column_stack([along, size * self.steps[1] * across])
-        return recast(Resolved, self, {"effect": effect}), by, np.array([size, 0.0]), True
+        return recast(ResolvedHypothesis, self, {"effect": effect}), by, np.array([size, 0.0]), True
 
 
 @dataclass(frozen=True)
@@ -209,7 +213,7 @@ class LeakHypothesis(Candidate):
             )
         return found
 
-    def scored(self, found: Fit, own: Projected) -> Score:
+    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score at the origin, or where the likelihood is largest: of these two, the likelier."""
         assert self.effect is not None
         left, columns = own.left, own.columns
@@ -240,7 +244,7 @@ class LeakHypothesis(Candidate):
         raw = np.einsum("ij,ij->j", columns @ by, columns @ by)
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
         means = tuple((n, 0.0) for n in self.free[1:])
-        leak = recast(Resolved, self, {"effect": effect, "grid": 2, "means": means})
+        leak = recast(ResolvedHypothesis, self, {"effect": effect, "grid": 2, "means": means})
         ratio = max(rate, 0.0) * float(theta @ slope)
         estimate = np.array([rate, 0.0, 0.0, 0.0])
         freedom = 4 if place.any() else 1
@@ -283,7 +287,7 @@ IDLE = 1e-6  # [of the motion's unit] of what does not move
 
 
 @dataclass(frozen=True)
-class ThresholdHypothesis(Searched):
+class ThresholdHypothesis(ProfiledHypothesis):
     """A strength, ``free``, that acts beyond or below a threshold which the recording has to tell.
 
     The threshold is the parameter ``field``: the torque that crosses a gap, the rate below which a wheel
@@ -308,7 +312,7 @@ class ThresholdHypothesis(Searched):
             found += self._joint_torques(plain, changes) or [changes.effect(plain, more, 1.0)]
         return found
 
-    def scored(self, found: Fit, own: Projected) -> Score:
+    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score at the threshold that explains most."""
         shapes = [Shape((k,), t) for k, t in enumerate(self._thresholds(found.changes))]
         return best_shape(self, found, own, shapes)
@@ -318,7 +322,7 @@ class ThresholdHypothesis(Searched):
         assert self.effect is not None
         prior = {**self.effect.prior, self.field: shape.label}
         effect = self.effect.model_copy(update={self.field: shape.label, "prior": prior})
-        own = recast(Resolved, self, {"effect": effect})
+        own = recast(ResolvedHypothesis, self, {"effect": effect})
         return own, np.eye(1), coefficients, float(coefficients[0]) > 0.0
 
     def _thresholds(self, changes: Sensitivities) -> list[float]:
@@ -364,7 +368,7 @@ class GravityGradientHypothesis(Candidate):
         middle, at = along(changes.run.middle), along(changes.run.states)
         return [changes.force(middle[:, k], at[:, k]) for k in range(len(FIELDS))]
 
-    def scored(self, found: Fit, own: Projected) -> Score:
+    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score of the vertical that explains most, and where the motion tells, of its turning."""
         own_effect = cast(GravityGradient, self.effect)
         gram, slope = own.left.T @ own.left, own.left.T @ found.residual
@@ -398,17 +402,17 @@ class GravityGradientHypothesis(Candidate):
         freedom = min(3, int((values > EXCITED).sum()))  # about itself, a vertical does not turn
         estimate = np.array([size, 0.0, 0.0, 0.0])
         excited = float(np.sort(values)[-3]) if freedom == 3 else 0.0
-        settled = recast(Resolved, self, {"effect": effect})
+        settled = recast(ResolvedHypothesis, self, {"effect": effect})
         return Score(settled, ratio, freedom, estimate, covariance, excited, own.left @ by, own.taken @ by)
 
-    def _turning(self, found: Fit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
+    def _turning(self, found: MapFit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
         """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""
         changes = [self._turned(found, e.model_copy(update={"gradient": gradient})) for e in effects]
         (own,) = found.projected([propagate(found.run, changes).reshape(-1, len(effects))])
         left = found.residual[:, None] - own.left
         return effects[int(np.argmin(np.einsum("ij,ij->j", left, left)))]
 
-    def _turned(self, found: Fit, effect: GravityGradient) -> Sensitivity:
+    def _turned(self, found: MapFit, effect: GravityGradient) -> Sensitivity:
         """Return what a field does whose vertical turns: what the parts do, as much of each as there is."""
         size, run, parts = effect.gradient / self.steps[0], found.run, changes_of(found, self)
         middle = np.stack([c.middle for c in parts if c.middle is not None])

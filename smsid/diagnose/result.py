@@ -100,7 +100,7 @@ class FoundCause:
 
 
 @dataclass(frozen=True)
-class Remaining:
+class SignificantTest:
     """A significant generic test: equation or channel, what it depends on, corrected p-value."""
 
     where: str
@@ -141,13 +141,13 @@ class Diagnosis:
     partial: tuple[FoundCause, ...] = ()
     gain: Gain | None = None
     gain_reason: str = ""
-    remaining: tuple[Remaining, ...] = ()
+    remaining: tuple[SignificantTest, ...] = ()
     limits: tuple[Limit, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict)
     whitened_rms: Mapping[str, float] = field(default_factory=dict)
     timing: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    tests: Mapping[str, tuple[Remaining, ...]] = field(default_factory=dict)
+    tests: Mapping[str, tuple[SignificantTest, ...]] = field(default_factory=dict)
 
     @property
     def extends(self) -> bool:
@@ -266,10 +266,10 @@ def _diagnosis(document: Mapping[str, Any]) -> Diagnosis:
         partial=tuple(map(_cause, document.get("partial", ()))),
         gain=_made(Gain, gain, channels=channels) if gain["status"] == "evaluated" else None,
         gain_reason=gain.get("reason", ""),
-        remaining=tuple(_made(Remaining, r) for r in document["remaining"]),
+        remaining=tuple(_made(SignificantTest, r) for r in document["remaining"]),
         limits=tuple(_made(Limit, x) for x in document["limits"]),
         notes=tuple(document["notes"]),
-        tests={k: tuple(_made(Remaining, t) for t in found) for k, found in tests.items()},
+        tests={k: tuple(_made(SignificantTest, t) for t in found) for k, found in tests.items()},
         **{k: {n: x["value"] for n, x in document[k].items()} for k in ("noise", "whitened_rms", "timing")},
     )
 

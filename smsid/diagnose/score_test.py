@@ -17,7 +17,7 @@ from smsid.effects.base import Effect
 from smsid.effects.friction_law import BY_FIELD
 from smsid.errors import DescriptionError, SmsidError
 from smsid.estimation.joint_problem import samples_in
-from smsid.estimation.map_estimate import Fit, Projected, columns_of
+from smsid.estimation.map_estimate import MapFit, ProjectedColumns, columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.model.spacecraft import SpacecraftModel
@@ -141,7 +141,7 @@ class Candidate:
         mine = [e for e in point.description.effect if e.name == self.effect.name]
         return mine[0] if mine else self.effect
 
-    def scored(self, found: Fit, own: Projected) -> Score:
+    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return its score on a fit, from its whitened columns beside the fitted parameters.
 
         What does nothing in this recording (a centre of mass along the only axis its body turns about) is
@@ -254,7 +254,7 @@ def odds(ratio: float, freedom: int, samples: int) -> float:
     return ratio - freedom * min(1.0 + float(np.log(width)), float(np.log(samples)))
 
 
-def changes_of(found: Fit, candidate: Candidate) -> list[Sensitivity]:
+def changes_of(found: MapFit, candidate: Candidate) -> list[Sensitivity]:
     """Return the changes by a candidate's parameters at a fit; those that are there all the time are kept.
 
     Raises `SmsidError` where it cannot be there.
@@ -267,7 +267,7 @@ def changes_of(found: Fit, candidate: Candidate) -> list[Sensitivity]:
     return known[what]
 
 
-def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndarray]:
+def signatures(found: MapFit, candidates: Sequence[Candidate]) -> dict[int, np.ndarray]:
     """Return the whitened columns (N rows, d) of every candidate that has any, by its place in the list."""
     changes: list[Sensitivity] = []
     where: dict[int, slice] = {}
@@ -290,7 +290,7 @@ def signatures(found: Fit, candidates: Sequence[Candidate]) -> dict[int, np.ndar
     return known
 
 
-def seen_where(found: Fit, candidate: Candidate, columns: np.ndarray) -> np.ndarray:
+def seen_where(found: MapFit, candidate: Candidate, columns: np.ndarray) -> np.ndarray:
     """Return columns (N rows, d) of a candidate as they are where it is in one recording alone."""
     if not candidate.recording or not found.problem.parts:
         return columns
@@ -298,7 +298,7 @@ def seen_where(found: Fit, candidate: Candidate, columns: np.ndarray) -> np.ndar
     return columns * np.repeat(here, len(columns) // len(here))[:, None]
 
 
-def scored(found: Fit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray]) -> list[Score]:
+def scored(found: MapFit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray]) -> list[Score]:
     """Return the scores of candidates from their whitened columns (N rows, d).
 
     The fitted parameters are free to move within their priors. One that fails numerically has no score.

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.map_estimate import Fit
-from smsid.estimation.measurements import ChannelSlice, Measured
+from smsid.estimation.map_estimate import MapFit
+from smsid.estimation.measurements import ChannelSlice, Measurements
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class Fault:
     doubtful: bool = False
 
 
-def drop_samples(data: Measured, faults: Sequence[Fault]) -> Measured:
+def drop_samples(data: Measurements, faults: Sequence[Fault]) -> Measurements:
     """Return the data without the samples of faults."""
     for fault in faults:
         data = data.without(fault.samples)
     return data
 
 
-def stuck_channels(data: Measured) -> list[Fault]:
+def stuck_channels(data: Measurements) -> list[Fault]:
     """Return the channels that repeat one value to the end of the recording, or for long within it.
 
     A noisy channel does not repeat itself; one whose noise is below its rounding step may, and is then only
@@ -63,7 +63,7 @@ def stuck_channels(data: Measured) -> list[Fault]:
             continue
         start, length = max(runs[rests:], key=lambda r: r[1])
         others = max((n for s, n in runs if s != start), default=0)
-        fine = not others and _fine(x[there, 0], float(data.sigma[row]))
+        fine = not others and _is_finely_read(x[there, 0], float(data.sigma[row]))
         if length < (THRESHOLDS.repeats if fine else THRESHOLDS.stuck_run) or length < 4 * others:
             continue
         marked = np.zeros(data.values.shape, dtype=bool)
@@ -74,19 +74,19 @@ def stuck_channels(data: Measured) -> list[Fault]:
     return found
 
 
-def _readings(data: Measured, block: ChannelSlice, row: int) -> np.ndarray:
+def _readings(data: Measurements, block: ChannelSlice, row: int) -> np.ndarray:
     """Return what a component is told by (N, d): its values, an attitude's all four of its quaternion."""
     return data.attitude[block.channel] if block.quantity == "attitude" else data.values[:, [row]]
 
 
-def _fine(x: np.ndarray, sigma: float) -> bool:
+def _is_finely_read(x: np.ndarray, sigma: float) -> bool:
     """Whether values are read in steps far below their noise, or in none that shows."""
     gaps = np.diff(np.unique(x))
     step = float(gaps.min(initial=np.inf))
     return sigma > THRESHOLDS.fine * step or (len(gaps) > THRESHOLDS.stuck_run and not _on_grid(gaps, step))
 
 
-def quantised_channels(data: Measured) -> list[Fault]:
+def quantised_channels(data: Measurements) -> list[Fault]:
     """Return the channels whose values lie on a grid that is coarse against their noise and not stated."""
     found = []
     for row, name in enumerate(data.names):
@@ -107,7 +107,7 @@ def quantised_channels(data: Measured) -> list[Fault]:
     return found + _slow_beside(data, found) + _rounded_attitudes(data)
 
 
-def _rounded_attitudes(data: Measured) -> list[Fault]:
+def _rounded_attitudes(data: Measurements) -> list[Fault]:
     """Return the components of attitudes whose quaternions are read in steps not stated."""
     found = []
     for block in data.blocks:
@@ -130,7 +130,7 @@ def _on_grid(x: np.ndarray, step: float) -> bool:
     return bool(np.abs(x / step - np.round(x / step)).max(initial=0.0) < 1e-3)
 
 
-def _slow_beside(data: Measured, found: Sequence[Fault]) -> list[Fault]:
+def _slow_beside(data: Measurements, found: Sequence[Fault]) -> list[Fault]:
     """Return the components that move too little to show a grid, but lie on that of another."""
     grids = {f.channel: f for f in found}
     known, more = {f.component for f in found}, []
@@ -143,7 +143,7 @@ def _slow_beside(data: Measured, found: Sequence[Fault]) -> list[Fault]:
     return more
 
 
-def inflate_for_quantisation(data: Measured, rounded: Sequence[Fault]) -> Measured:
+def inflate_for_quantisation(data: Measurements, rounded: Sequence[Fault]) -> Measurements:
     """Return the samples with the noise that reading in steps adds: a uniform error of each step.
 
     It lasts as long as the value does: a slow component that stays on one step for n samples tells as much as
@@ -166,7 +166,7 @@ def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def resting_channels(found: Fit, whole: Measured, faults: Sequence[Fault]) -> list[Fault]:
+def resting_channels(found: MapFit, whole: Measurements, faults: Sequence[Fault]) -> list[Fault]:
     """Return the doubtful faults among ``faults`` that are none: the model predicts that the channel rests.
 
     ``found`` was fitted without their samples, and to some of ``whole`` as they were recorded. The samples of
@@ -175,7 +175,7 @@ def resting_channels(found: Fit, whole: Measured, faults: Sequence[Fault]) -> li
     return [f for f in faults if f.doubtful and _fits(found, whole, f)]
 
 
-def _fits(found: Fit, whole: Measured, fault: Fault) -> bool:
+def _fits(found: MapFit, whole: Measurements, fault: Fault) -> bool:
     problem = found.problem
     kept = np.searchsorted(whole.times, problem.data.times)
     values = np.where(fault.samples[kept], whole.values[kept], problem.data.values)

@@ -15,7 +15,7 @@ from smsid.diagnose.score_test import EXCITED, least_squares
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.map_estimate import Fit, continued, fit
+from smsid.estimation.map_estimate import MapFit, continue_fit, fit
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
@@ -71,7 +71,7 @@ class Equation:
     driven: bool = False
 
 
-def equations_of(found: Fit) -> list[Equation]:
+def equations_of(found: MapFit) -> list[Equation]:
     """Return the equations of motion: of joints, wheels and bus, of slosh masses and of modes."""
     model = found.changes.model
     out = [
@@ -93,7 +93,7 @@ def equations_of(found: Fit) -> list[Equation]:
     ]
 
 
-def open_joints(found: Fit) -> dict[str, float]:
+def open_joints(found: MapFit) -> dict[str, float]:
     """Return by how much torques err at the joints of laws whose shape is left open [N m]."""
     known = dict(found.problem.noise.shapes)
     if not known:
@@ -120,7 +120,7 @@ def _log_chance(ratio: float, freedom: int) -> float:
     return float((half - 1.0) * np.log(x) - x - gammaln(half))
 
 
-def adequacy(found: Fit) -> list[SpecificationTest]:
+def adequacy(found: MapFit) -> list[SpecificationTest]:
     """Return all generic tests on a fit, the most significant first and correlation in time last: a symptom.
 
     Torque at every driven joint and wheel against angle, ripple, rate, load, acceleration and time; wrench on
@@ -148,7 +148,7 @@ def adequacy(found: Fit) -> list[SpecificationTest]:
     return sorted(blocks, key=lambda b: b.order)
 
 
-def whiteness(found: Fit) -> list[SpecificationTest]:
+def whiteness(found: MapFit) -> list[SpecificationTest]:
     """Return the test of Ljung and Box on every channel's innovations."""
     e, used = found.run.innovations, found.run.used
     out = []
@@ -171,7 +171,7 @@ def whiteness(found: Fit) -> list[SpecificationTest]:
     return out
 
 
-def band_tests(found: Fit, factors: np.ndarray) -> list[SpecificationTest]:
+def band_tests(found: MapFit, factors: np.ndarray) -> list[SpecificationTest]:
     """Return in which bands of frequency a channel's prediction errors exceed its noise as stated, by three.
 
     ``factors`` (rows,) are the levels of the fit's noise over the stated one. Each ratio is the power in the
@@ -203,7 +203,7 @@ def _times(times: np.ndarray, terms: int = TIME_TERMS) -> list[np.ndarray]:
     return [np.cos(np.pi * k * x) for k in range(terms)]
 
 
-def force_on(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray]) -> list[Sensitivity]:
+def force_on(found: MapFit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray]) -> list[Sensitivity]:
     """Return the changes by forces on one degree of freedom.
 
     They are given at the samples, ``of`` (N,) each, and between them, ``of_mid`` (N - 1,).
@@ -217,7 +217,7 @@ def force_on(found: Fit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray
     return changes
 
 
-def _dependences(found: Fit, equation: Equation) -> list[tuple[str, list[Sensitivity]]]:
+def _dependences(found: MapFit, equation: Equation) -> list[tuple[str, list[Sensitivity]]]:
     """Return what an equation is tested for, with the changes by forces in it."""
     turns = set(equation.q) & set(found.changes.model.arm_joints.q)
 
@@ -253,7 +253,7 @@ def _dependences(found: Fit, equation: Equation) -> list[tuple[str, list[Sensiti
     return list(out.items())
 
 
-def _channels(found: Fit) -> list[tuple[str, str, list[Sensitivity]]]:
+def _channels(found: MapFit) -> list[tuple[str, str, list[Sensitivity]]]:
     changes: Sensitivities = found.changes
     run, data, out = found.run, found.problem.data, []
     values, rates = changes.readings(), changes.rates()
@@ -280,7 +280,7 @@ SEEN = 1e-6  # share of a column's information that the fitted parameters leave 
 REST = 1e-9  # [rad] travel of a joint that does not move
 
 
-def memory(found: Fit, locations: Iterable[str]) -> list[SpecificationTest]:
+def memory(found: MapFit, locations: Iterable[str]) -> list[SpecificationTest]:
     """Return the test for memory of every arm joint at ``locations`` (or channels with it in brackets): does
     its torque depend on the way since it last turned back (hysteresis)?
 
@@ -338,14 +338,14 @@ LOUD = 30.0  # variance of the noise tried, over that to which one sample of the
 NEAR = 3.0  # gain of the log-posterior below which a fit is near enough for a likelihood
 
 
-def unknown_input_tests(found: Fit) -> list[SpecificationTest]:
+def unknown_input_tests(found: MapFit) -> list[SpecificationTest]:
     """Return the test for noise of the inputs most in doubt, the most significant first.
 
     ``found`` is the fit of the nominal parameters. The ratio of each is what noise on it gains, with the
     parameters fitted again: else they have bent to it, and a neighbour of the noisy joint looks as noisy.
     """
     inputs = [e for e in equations_of(found) if e.driven]
-    rest = continued(found, iterations=4, enough=NEAR).objective
+    rest = continue_fit(found, iterations=4, enough=NEAR).objective
     index = [e.v[0] for e in inputs]
     slope, known = disturbances(found.run)
     doubt = (slope[:, index] ** 2).sum(axis=0) / np.maximum(known[:, index].sum(axis=0), 1e-300)

@@ -10,20 +10,22 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.model_comparison import Cause, each_may_be_zero, wald
-from smsid.diagnose.noise_covariance import Fitted, but_for_a_structure
+from smsid.diagnose.noise_covariance import InflatedFit, but_for_a_structure
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.verdict import causes, impossible, own_component_left
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import Fit, fit
+from smsid.estimation.map_estimate import MapFit, fit
 
 LOGGER = logging.getLogger(__name__)
 PEELED = 3  # equations and channels at most that are taken as unknown
 
 
-def standing(found: Search, named: Sequence[FoundCause]) -> tuple[Search, tuple[FoundCause | None, ...]]:
+def find_standing_causes(
+    found: Search, named: Sequence[FoundCause]
+) -> tuple[Search, tuple[FoundCause | None, ...]]:
     """Return the search with the fit that says how large causes are, and those that stand whatever is left
     elsewhere, ``None`` in the place of the others; ``named`` are all of them.
 
@@ -58,7 +60,7 @@ def standing(found: Search, named: Sequence[FoundCause]) -> tuple[Search, tuple[
     return by, tuple(told if yes else None for yes, told in zip(stand, own, strict=True))
 
 
-def _needed(found: Search, cause: Cause, rest: Fit) -> bool:
+def _needed(found: Search, cause: Cause, rest: MapFit) -> bool:
     """Whether a cause is needed where what is left is taken as unknown, and is there at all."""
     own = cause.score.candidate
     if each_may_be_zero(rest, own):  # a frequency may be known where the mass is none
@@ -67,7 +69,7 @@ def _needed(found: Search, cause: Cause, rest: Fit) -> bool:
     return chance < found.levels.further
 
 
-def _rest_unknown(found: Search) -> tuple[Fit, dict[str, str]] | None:
+def _rest_unknown(found: Search) -> tuple[MapFit, dict[str, str]] | None:
     """Return the last fit made again with what is left taken as unknown, and the places of that by name;
     nothing where it cannot be fitted or something is still left.
 
@@ -92,7 +94,7 @@ def _rest_unknown(found: Search) -> tuple[Fit, dict[str, str]] | None:
     return None if any(t.where not in lost for t in here.left) else (here.last, lost)
 
 
-def _but_for_a_structure(found: Search) -> tuple[Fit, dict[str, str]] | None:
+def _but_for_a_structure(found: Search) -> tuple[MapFit, dict[str, str]] | None:
     """Return the last fit with the structure unknown that is all that is not followed, and its place; its own
     causes stay as they were fitted. Nothing where there is none.
     """
@@ -101,5 +103,5 @@ def _but_for_a_structure(found: Search) -> tuple[Fit, dict[str, str]] | None:
         causes = (c.score.candidate for c in found.causes)
         return {n for c in causes if is_at(c.location, place) for n in (*c.free, *c.also)}
 
-    rest = but_for_a_structure(Fitted(found.last, found.factors), own)
+    rest = but_for_a_structure(InflatedFit(found.last, found.factors), own)
     return None if rest is None else (rest.fit, {rest.unknown: rest.unknown})

@@ -15,10 +15,10 @@ from smsid.diagnose.forward_step import State
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds, with_further
 from smsid.diagnose.noise_covariance import (
     FOLLOWED,
-    Fitted,
+    InflatedFit,
     but_for_one,
     first_fit,
-    followed,
+    fit_to_stated_noise,
     normalised_rmse,
     strays_by_row,
     unknown_structures,
@@ -38,7 +38,7 @@ from smsid.diagnose.specification_tests import (
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import RecordingError, SmsidError
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
@@ -60,8 +60,8 @@ class Search:
     ``failed`` says in sentences what could not be done for numerical reasons, or was taken as unknown.
     """
 
-    nominal: Fit
-    last: Fit
+    nominal: MapFit
+    last: MapFit
     causes: tuple[Cause, ...]
     scores: tuple[Score, ...]
     before: tuple[SpecificationTest, ...]
@@ -90,7 +90,7 @@ class Search:
         return _significant(self.before, (), self.levels, self.coarse, white=not self.misfit)
 
     @property
-    def followed(self) -> float:
+    def fit_to_stated_noise(self) -> float:
         """Share of the squared prediction errors, in stated noise, that the causes take away."""
         before, after = self.normalised_rmse
         return 1.0 - (after / before) ** 2
@@ -112,7 +112,7 @@ def search(
     predicts nothing of the motion.
     """
     clock = [time.process_time()]
-    state = _begun(point, problem, tuple(unknowns), candidates, levels)
+    state = _initial_state(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
     _look(state)
     unknown = state.fitted.unknown
@@ -120,16 +120,16 @@ def search(
         state.guarded(PRUNING, state.prune)
         if state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
             _look(state)
-    blocks = _reconsidered(state, coarse)
+    blocks = _apply_generic_tests(state, coarse)
     bent: dict[str, Interval] = {}
 
-    def followed() -> None:
+    def fit_to_stated_noise() -> None:
         top, ends = profile_intervals(state.current, state.causes)
         state.take(top)
         bent.update(ends)
 
     if state.causes and not state.fitted.misfit:
-        state.guarded("following the likelihood along what is poorly known", followed)
+        state.guarded("following the likelihood along what is poorly known", fit_to_stated_noise)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
     sensor = state.fitted.alone and not state.causes
@@ -153,7 +153,7 @@ def _look(state: State) -> None:
     state.guarded("judging the causes beside each other", state.close)
 
 
-def _begun(
+def _initial_state(
     point: Point,
     problem: Problem,
     unknowns: tuple[Unknown, ...],
@@ -180,12 +180,16 @@ def _begun(
         # else is followed then, no cause elsewhere is as strong
         structures = () if first is None else unknown_structures(first.fit, problem)
         for place, seen in chain([("", problem)], structures):
-            if first is not None and place and followed(first.fit.point, unknowns, seen) is not None:
+            if (
+                first is not None
+                and place
+                and fit_to_stated_noise(first.fit.point, unknowns, seen) is not None
+            ):
                 break
             elsewhere = [c for c in candidates if not (place and is_at(c.location, place))]
             coarse = coarse_cause(point, seen, unknowns, elsewhere)
             if coarse is not None:
-                begun = with_levels(Fitted(coarse.fit, np.ones(problem.data.rows), unknown=place))
+                begun = with_levels(InflatedFit(coarse.fit, np.ones(problem.data.rows), unknown=place))
                 return State(begun, candidates, levels, known=coarse.causes, nominal=coarse.nominal)
     if fitted is None:
         assert lost is not None
@@ -199,14 +203,14 @@ def _begun(
     return State(fitted, candidates, levels)
 
 
-def _is_local(fitted: Fitted) -> bool:
+def _is_local(fitted: InflatedFit) -> bool:
     """Whether most components are followed with the noise levels of the misfit."""
     left = float(np.median(strays_by_row(fitted.fit.run, fitted.factors)))
     LOGGER.info("with misfit where it is, half of the components are left at %.3g times their noise", left)
     return left <= FOLLOWED
 
 
-def _reconsidered(state: State, coarse: frozenset[str]) -> tuple[SpecificationTest, ...]:
+def _apply_generic_tests(state: State, coarse: frozenset[str]) -> tuple[SpecificationTest, ...]:
     """Let the generic tests have their say - on further parameters of the causes, on needless ones -, and
     return them.
     """

@@ -22,8 +22,8 @@ from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point, thinned, timed, timed_like
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.loosening import loosened
-from smsid.estimation.map_estimate import Fit, evaluate, fit
+from smsid.estimation.loosening import loosen_model
+from smsid.estimation.map_estimate import MapFit, evaluate, fit
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
@@ -43,8 +43,8 @@ class Coarse:
     ``nominal`` is of the nominal parameters as given, in a model that may err.
     """
 
-    nominal: Fit
-    fit: Fit
+    nominal: MapFit
+    fit: MapFit
     causes: tuple[Cause, ...]
 
 
@@ -68,15 +68,19 @@ def coarse_cause(
     best_place = ahead[0][1].key[:2] if ahead else ()
     # where a model may err, laws of one effect differ less by their likelihood than by where they were begun
     tried = [(c, at) for likely, c, at in ahead if likely - nothing > close or c.key[:2] == best_place]
-    fitted: list[tuple[Candidate, Fit, tuple[Cause, ...]]] = []
+    fitted: list[tuple[Candidate, MapFit, tuple[Cause, ...]]] = []
     for c, at in tried[:TRIED]:
         if not any(laws and c.key[:2] == own.key[:2] for own, _, laws in fitted):
-            fitted += [(c, *f) for f in [_fitted(c, at, problem, unknowns, candidates)] if f is not None]
+            fitted += [
+                (c, *f)
+                for f in [_fit_with_less_process_noise(c, at, problem, unknowns, candidates)]
+                if f is not None
+            ]
     if not fitted:
         return None
     candidate, found, laws = min(fitted, key=lambda x: x[1].objective)
     try:
-        nominal = evaluate(point, unknowns, loosened(point.model(), problem, SHARES[0]))
+        nominal = evaluate(point, unknowns, loosen_model(point.model(), problem, SHARES[0]))
         if laws:
             return Coarse(nominal, found, laws)
         score = scored(nominal, [candidate], list(signatures(nominal, [candidate]).values()))[0]
@@ -118,20 +122,20 @@ def _likelihood(point: Point, problem: Problem) -> float:
         if not point.physical():
             return -np.inf
         model = point.model()
-        found = run_filter(model, loosened(model, at_point(point, problem), SHARES[0])).log_likelihood
+        found = run_filter(model, loosen_model(model, at_point(point, problem), SHARES[0])).log_likelihood
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.debug("no likelihood: %s", error)
         return -np.inf
     return found if np.isfinite(found) else -np.inf
 
 
-def _fitted(
+def _fit_with_less_process_noise(
     candidate: Candidate,
     start: Point,
     problem: Problem,
     nominal: Sequence[Unknown],
     candidates: Sequence[Candidate],
-) -> tuple[Fit, tuple[Cause, ...]] | None:
+) -> tuple[MapFit, tuple[Cause, ...]] | None:
     """Return a fit with less and less process noise, to none, or with its causes one with the shape of its
     law left open; nothing where it does not follow then.
 
@@ -140,14 +144,14 @@ def _fitted(
     own = candidate.unknowns(nominal)
     unknowns = (*(u for u in nominal if u.name not in {o.name for o in own}), *own)
     try:
-        first = loosened(start.model(), problem, SHARES[0])
+        first = loosen_model(start.model(), problem, SHARES[0])
         begun = fit(start, own, first, iterations=6)
         point = begun.point  # of a strong payload, where its mass is matters
         unknowns = (*unknowns, *unfitted_parameters(begun, candidate))
         # only now does it show how commands act between samples
-        problem = timed_like(problem, timed(point, loosened(point.model(), problem, SHARES[1])))
+        problem = timed_like(problem, timed(point, loosen_model(point.model(), problem, SHARES[1])))
         for share in SHARES[1:]:
-            point = fit(point, unknowns, loosened(point.model(), problem, share), iterations=6).point
+            point = fit(point, unknowns, loosen_model(point.model(), problem, share), iterations=6).point
         found = fit(point, unknowns, problem, iterations=10)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("%s does not follow: %s", candidate.key, error)

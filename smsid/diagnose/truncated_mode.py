@@ -16,11 +16,17 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, reaction_forces, unit_response
-from smsid.diagnose.profiled_hypothesis import Resolved, Searched, Settled, Shape, best_shape
+from smsid.diagnose.profiled_hypothesis import (
+    ProfiledHypothesis,
+    ResolvedHypothesis,
+    Settled,
+    Shape,
+    best_shape,
+)
 from smsid.diagnose.score_test import Score, recast
 from smsid.effects.appendage import Mode
 from smsid.effects.beam_mode import BeamMode
-from smsid.estimation.map_estimate import Fit, Projected
+from smsid.estimation.map_estimate import MapFit, ProjectedColumns
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.model.stations import find_appendage, station_indices
@@ -32,7 +38,7 @@ STEPS = (1e-2, 1e-3, 1e-3)  # of factor, frequency and damping
 
 
 @dataclass(frozen=True)
-class HigherMode(Searched):
+class HigherMode(ProfiledHypothesis):
     """Mode ``number`` of a beam that has one less. ``mode`` is what it would be; ``springs`` say where its
     mass hangs, ``seen`` (stations, 3) how far that moves the stations per displacement, bus axes.
     """
@@ -127,11 +133,11 @@ class HigherMode(Searched):
             damping=zeta,
         )
         free = tuple(f"{self.name}.{key}" for key in ("factor", "frequency", "damping"))
-        own = recast(Resolved, self, {"effect": effect, "free": free, "steps": STEPS})
+        own = recast(ResolvedHypothesis, self, {"effect": effect, "free": free, "steps": STEPS})
         by = np.array([[1.0, 0.0, 0.0]])
         return own, by, np.array([float(coefficients[0]), 0.0, 0.0]), bool(coefficients[0] > 0.0)
 
-    def scored(self, found: Fit, own: Projected) -> Score:
+    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score of the best frequency, and where that is worth it of a finer one."""
         here, samples = self._at(found.changes), found.run.samples
         best = best_shape(here, found, own, here.shapes())

@@ -14,7 +14,7 @@ from smsid.diagnose.priors import sensor_errors
 from smsid.diagnose.sensor_faults import Fault, drop_samples, stuck_channels
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.input_hold import locked
+from smsid.estimation.input_hold import locked_coordinates
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import fit
@@ -137,7 +137,7 @@ def read_like(
     fresh = whole.thinned(rate).with_blocks(point.sensors())
     known = dict(zip(like.data.names, like.data.sigma, strict=True))
     sigma = np.array([known.get(n, s) for n, s in zip(fresh.names, fresh.sigma, strict=True)])
-    data, held = replace(fresh, sigma=sigma), locked(model, recording)
+    data, held = replace(fresh, sigma=sigma), locked_coordinates(model, recording)
     noise = replace(like.noise, shapes=())  # open loop nothing makes up for them
     problem = replace(like, recording=recording, data=data, locked=held, parts=(), noise=noise)
     return model, at_point(fit(point, own, problem, iterations=OWN).point, problem) if own else problem

@@ -14,7 +14,7 @@ from smsid._statistics import NORMAL95
 from smsid.diagnose.change_time_posterior import Began, onset_posteriors
 from smsid.diagnose.model_comparison import FEW, Cause, strengths, wald
 from smsid.diagnose.noise_covariance import strays_by_row
-from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value, Verdict
+from smsid.diagnose.result import Alias, FoundCause, Limit, SignificantTest, Value, Verdict
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.stepwise import Search
@@ -169,20 +169,21 @@ def _own(candidate: Candidate) -> tuple[Unknown, ...]:
     return candidate.unknowns(()) if candidate.effect is not None else ()
 
 
-def remaining(found: Search, decided: Verdict) -> tuple[Remaining, ...]:
+def remaining_tests(found: Search, decided: Verdict) -> tuple[SignificantTest, ...]:
     """Return the generic tests that are still significant in the description that the diagnosis hands back.
 
     That is the given one where no cause is named: what explains a part takes the pattern apart. Behind them
     come the bands of frequency in which channels are left above their noise.
     """
     left = found.left_before if decided == "unexplained" else found.left
-    return tested((*left, *found.bands), len(found.blocks))
+    return test_results((*left, *found.bands), len(found.blocks))
 
 
-def tested(blocks: Sequence[SpecificationTest], tests: int) -> tuple[Remaining, ...]:
+def test_results(blocks: Sequence[SpecificationTest], tests: int) -> tuple[SignificantTest, ...]:
     """Return generic tests as results, their p-values corrected for so many."""
     return tuple(
-        Remaining(b.where, b.dependence, b.ratio, b.freedom, min(1.0, b.p_value * tests)) for b in blocks
+        SignificantTest(b.where, b.dependence, b.ratio, b.freedom, min(1.0, b.p_value * tests))
+        for b in blocks
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from smsid.estimation.measurements import ChannelSlice, Measured, mounting
+from smsid.estimation.measurements import ChannelSlice, Measurements, mounting
 from smsid.kernel.filter_arrays import Parameters
 from smsid.sensing.error_model import ErrorModel
 
@@ -56,7 +56,7 @@ def walk_noise(errors: ErrorModel, rate: float, seconds: float) -> np.ndarray:
     return errors.gauss_markov_sigma * np.sqrt(2.0 * errors.bias_correlation_time * rate)
 
 
-def with_walk_noise(data: Measured) -> Measured:
+def with_walk_noise(data: Measurements) -> Measurements:
     """Return readings with more noise in place of in-run biases that are fast beside the recording."""
     seconds, sigma = float(data.times[-1] - data.times[0]), data.sigma.copy()
     for block in data.blocks:
@@ -66,7 +66,7 @@ def with_walk_noise(data: Measured) -> Measured:
     return replace(data, sigma=sigma)
 
 
-def bias_walks(data: Measured) -> tuple[BiasWalk, ...]:
+def bias_walks(data: Measurements) -> tuple[BiasWalk, ...]:
     """Return the walks of all channels, one for each of their components: each is drawn apart."""
     seconds = float(data.times[-1] - data.times[0])
     out = []
@@ -116,7 +116,7 @@ class BiasWalks:
         """Return how readings change with them (rows, m), per scale."""
         return self.columns
 
-    def compiled(self, nothing: Parameters) -> Parameters:
+    def compiled_tables(self, nothing: Parameters) -> Parameters:
         """Return them as the compiled filter takes them, from those of a model without any."""
         return nothing._replace(
             scales=self.scales, at=self.values, rates=self.rates, columns=self.columns, close=self.close

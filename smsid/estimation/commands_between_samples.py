@@ -17,7 +17,7 @@ from smsid.estimation.input_timing import timings
 from smsid.estimation.loosening import MANY
 from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.problem import Timing
+from smsid.estimation.problem import CommandTiming
 from smsid.estimation.trust_region import bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
     if len(choices) == 1:
         return flight
     now = flight.problem.timing
-    likely: dict[Timing, float] = {}
+    likely: dict[CommandTiming, float] = {}
     for timing in choices:
         try:
             other = _with_likely_walks(point, with_timing(flight, timing))
@@ -66,7 +66,7 @@ def _with_likely_walks(point: Point, flight: Flight) -> Flight:
 
     What they wander is a wide guess, which an estimate bears. Between ways of commands it would decide:
     the more of a torque's step is told by its mean, the less it costs that it could have been larger. A model
-    that may err (`loosened`) is another guess, beside which it tells nothing.
+    that may err (`loosen_model`) is another guess, beside which it tells nothing.
     """
     if flight.problem.noise.more or all(u.row < 0 for u in flight.problem.unknown_inputs):
         return flight
@@ -89,7 +89,7 @@ def _with_likely_walks(point: Point, flight: Flight) -> Flight:
     return wandering(SHARE**power)
 
 
-def with_timing(flight: Flight, timing: Timing) -> Flight:
+def with_timing(flight: Flight, timing: CommandTiming) -> Flight:
     """Return a flight whose commands act otherwise between samples."""
     return replace(flight, problem=replace(flight.problem, timing=timing))
 

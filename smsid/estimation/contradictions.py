@@ -98,7 +98,7 @@ def contradictions_of(
         apart = covariances[0] @ slopes[0] - covariances[1] @ slopes[1]
         # what both have from the prior is no difference: of each only what its data say
         spread = (sides[0][1] + sides[1][1]) * widening**2
-        shared = _shared(grams, prior)
+        shared = _shared_directions(grams, prior)
         own, scatter = shared.T @ apart, shared.T @ spread @ shared
         width = np.sqrt(np.diag(scatter))  # of unlike size: what is told best must not drown
         own, (size, basis) = own / width, np.linalg.eigh(scatter / np.outer(width, width))
@@ -126,7 +126,7 @@ def _told(gram: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (basis / (size + 1.0)) @ basis.T, (basis * size / (size + 1.0) ** 2) @ basis.T
 
 
-def _shared(grams: tuple[np.ndarray, np.ndarray], prior: np.ndarray) -> np.ndarray:
+def _shared_directions(grams: tuple[np.ndarray, np.ndarray], prior: np.ndarray) -> np.ndarray:
     """Return the directions (m, k) that the data of both sides tell more of than the prior."""
     width = np.sqrt(1.0 / np.diag(prior))
     first, second = (g * np.outer(width, width) for g in grams)

@@ -34,7 +34,7 @@ STEP = 1e-3  # of a difference, in conditional standard deviations of the parame
 ALIKE = 0.3  # of its curvature's root, and of a standard deviation, by which a derivative may differ
 
 
-def differenced(found: NormalEquations, flights: Sequence[Flight]) -> NormalEquations:
+def difference_equations(found: NormalEquations, flights: Sequence[Flight]) -> NormalEquations:
     """Return the normal equations at the same point, slope and Gram matrix by differences.
 
     Raises `SimulationError` where a filter loses its recording.

@@ -15,7 +15,7 @@ from scipy.linalg import lapack
 from smsid._time_text import time_text
 from smsid.errors import SimulationError
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.measurements import Measured, matrix, reading_errors
+from smsid.estimation.measurements import Measurements, matrix, reading_errors
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel import filter as kernel
@@ -32,7 +32,7 @@ LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Applied:
+class AppliedForces:
     """Applied generalised forces: means over the substeps (N - 1, substeps, nv), means over the intervals
     between samples (N - 1, nv), and values at the samples (N, nv). ``rise`` (N - 1, substeps, nv) is by how
     much the line of equal mean and equal first moment rises over half a substep. ``before`` (nv,) are the
@@ -107,13 +107,13 @@ class Instance:
     late: np.ndarray
 
     @classmethod
-    def of(cls, model: SpacecraftModel, data: Measured, locked: np.ndarray) -> Instance:
+    def of(cls, model: SpacecraftModel, data: Measurements, locked: np.ndarray) -> Instance:
         """Return a spacecraft with its sensors, degrees of freedom ``locked`` (k,) held still."""
         late = np.array([b.delay for b in data.blocks])
         return cls(model, ProcessModel(model, locked), MeasurementModel(model, data, locked), late)
 
     @classmethod
-    def at(cls, point: Point, layout: Measured, locked: np.ndarray) -> Instance:
+    def at(cls, point: Point, layout: Measurements, locked: np.ndarray) -> Instance:
         """Return the spacecraft at a point, degrees of freedom ``locked`` (k,) held still.
 
         Raises `DescriptionError` where there can be none.

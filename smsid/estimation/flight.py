@@ -14,9 +14,9 @@ from smsid.estimation.bias_walk import bias_walks, with_walk_noise
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.input_hold import input_channels, mixed, stepwise
 from smsid.estimation.input_timing import timings
-from smsid.estimation.measurements import OUTLIER, WIDTH, ChannelSlice, Measured, measurements_of
+from smsid.estimation.measurements import OUTLIER, WIDTH, ChannelSlice, Measurements, measurements_of
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Noise, Problem, Timing, UnknownInput
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, UnknownInput
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
 from smsid.identify.sensor_correction import without_known_errors
 from smsid.model.column_order import order_columns
@@ -98,7 +98,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         data,
         locked,
         likely_timing(recording),
-        Noise(),
+        ProcessNoise(),
         substep=longest_substep(data),
         begin=initial_belief(model, data, locked, options.initial, reading_uncertainty(point, data)),
         unknown_inputs=(*unknown, *further),
@@ -109,7 +109,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     return Flight(label, model, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
 
 
-def _without_noise(data: Measured) -> list[str]:
+def _without_noise(data: Measurements) -> list[str]:
     """Return which channels repeat one value although noise is stated that would change it."""
     said = []
     for block in data.blocks:
@@ -127,7 +127,7 @@ def _without_noise(data: Measured) -> list[str]:
     return said
 
 
-def _left_out(data: Measured) -> list[str]:
+def _left_out(data: Measurements) -> list[str]:
     """Return which stated errors of sensors are not taken into account: axes that differ by station."""
     return [
         f"misalignment_sigma of '{b.channel}' is not taken into account: each station has axes of its own"
@@ -136,7 +136,7 @@ def _left_out(data: Measured) -> list[str]:
     ]
 
 
-def _without_outliers(data: Measured) -> tuple[Measured, list[str]]:
+def _without_outliers(data: Measurements) -> tuple[Measurements, list[str]]:
     """Return the readings without isolated outliers, and what was left out, in words."""
     bad = np.zeros(data.values.shape, dtype=bool)
     for block in data.blocks:
@@ -155,7 +155,7 @@ def _without_outliers(data: Measured) -> tuple[Measured, list[str]]:
     return data.without(bad), notes
 
 
-def likely_timing(recording: Recording) -> Timing:
+def likely_timing(recording: Recording) -> CommandTiming:
     """Return how commands act between samples, as the recording says or as they look."""
     choices = timings(recording)
     looks = "jumps" if mixed(recording) else "held" if stepwise(recording) else "linear"
@@ -172,13 +172,13 @@ def longest_step(model: SpacecraftModel) -> float:
     return min(LONGEST, PHASE / max(1.2 * fastest, 1e-9))
 
 
-def longest_substep(data: Measured) -> float:
+def longest_substep(data: Measurements) -> float:
     """Return the longest step of the integration [s]: that of the filter, or less where samples are apart."""
     return min(0.025, float(np.median(np.diff(data.times))))
 
 
 def _drives(
-    point: Point, recording: Recording, data: Measured, inputs: dict[str, str], options: FlightOptions
+    point: Point, recording: Recording, data: Measurements, inputs: dict[str, str], options: FlightOptions
 ) -> tuple[dict[int, Drive], list[str]]:
     """Return how every joint and wheel is driven, by its index in v, and what there is to say of it."""
     model = point.base
@@ -228,7 +228,7 @@ def _drives(
     return drives, notes
 
 
-def _moving(data: Measured, blocks: list[ChannelSlice], size: int) -> np.ndarray:
+def _moving(data: Measurements, blocks: list[ChannelSlice], size: int) -> np.ndarray:
     """Return which joints (size,) move by more than their sensors' noise; all where none is measured.
 
     So does a wheel at a constant speed.
@@ -246,7 +246,7 @@ def _moving(data: Measured, blocks: list[ChannelSlice], size: int) -> np.ndarray
 def _unknown_torques(
     model: SpacecraftModel,
     recording: Recording,
-    data: Measured,
+    data: Measurements,
     inputs: dict[str, str],
     drives: dict[int, Drive],
 ) -> list[UnknownInput]:
@@ -273,7 +273,7 @@ def _unknown_torques(
     return found
 
 
-def _motion_scales(data: Measured, block: ChannelSlice) -> tuple[np.ndarray, np.ndarray, float]:
+def _motion_scales(data: Measurements, block: ChannelSlice) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the root mean square acceleration and jerk (k,) of a channel of angles or rates (N, k).
 
     Also the median time between its samples [s]. From parabolas or cubics through `WINDOW` [s] of it.
@@ -298,7 +298,7 @@ def _motion_scales(data: Measured, block: ChannelSlice) -> tuple[np.ndarray, np.
 def _disturbances(
     model: SpacecraftModel,
     recording: Recording,
-    data: Measured,
+    data: Measurements,
     inputs: dict[str, str],
     options: FlightOptions,
 ) -> tuple[list[UnknownInput], list[str]]:

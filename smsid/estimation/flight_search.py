@@ -18,9 +18,9 @@ from smsid.estimation.contradictions import Part, contradictions_of
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
-from smsid.estimation.inertial_combinations import reported
-from smsid.estimation.loosening import FIRST, likeliest_share, loosened, thinned
-from smsid.estimation.maximum import converged, maximise, settled
+from smsid.estimation.inertial_combinations import reported_parameters
+from smsid.estimation.loosening import FIRST, likeliest_share, loosen_model, thinned
+from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.step_size import finely_stepped
@@ -73,7 +73,7 @@ def _approached(
     while share < last and (share or fewer):
         if tell is not None:
             tell(f"search with a model that may err by {100 * share:.2g} % of what drives the motion")
-        loose = [replace(f, problem=loosened(f.model, f.problem, share)) for f in coarse]
+        loose = [replace(f, problem=loosen_model(f.model, f.problem, share)) for f in coarse]
         point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
         if not fewer:
             coarse = [
@@ -90,7 +90,7 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     if tell is not None:
         tell("search with the model as it is")
     found, visited = maximise(point, unknowns, flights, tell=tell)
-    acting = [as_commands_act(found.point, unknowns, f, converged(found)) for f in flights]
+    acting = [as_commands_act(found.point, unknowns, f, has_converged(found)) for f in flights]
     if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
         otherwise, more = maximise(found.point, unknowns, acting, tell=tell)
         if likelihood_with_own_walks(otherwise.point, acting) > likelihood_with_own_walks(
@@ -100,14 +100,14 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
             visited += more
     found, flights, more = finely_stepped(found, flights, tell)
     visited += more
-    if not converged(found):  # so far off, better derivatives do not help
+    if not has_converged(found):  # so far off, better derivatives do not help
         left = fit_quality(found)
         if max((c.ratio for c in left.channels), default=0.0) > GROSS:
             raise restless(flights, left)
-    if not converged(found) or not derivatives_hold(found, flights):
-        found = settled(found, flights, tell=tell)
+    if not has_converged(found) or not derivatives_hold(found, flights):
+        found = equations_at_maximum(found, flights, tell=tell)
         visited.append(found)
-    if not converged(found):
+    if not has_converged(found):
         raise restless(flights, fit_quality(found))
     return found, flights, visited
 
@@ -135,7 +135,7 @@ def _refuse_contradicting(
     moved = [(np.array([a.point.value(u) for u in unknowns]) - nominal) / scales for a in alone]
     parts = [Part(a.terms[0].label, a.information, a.gram @ x) for a, x in zip(alone, moved, strict=True)]
     rows = []
-    for row in reported(first, described):
+    for row in reported_parameters(first, described):
         widest = max(float(row.gradient @ np.linalg.solve(a.gram, row.gradient)) for a in alone)
         if widest < TOLD**2 * float(np.sum((row.gradient * sigmas / scales) ** 2)):
             rows.append(replace(row, value=row.value - float(row.gradient @ moved[0])))

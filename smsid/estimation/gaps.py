@@ -16,7 +16,7 @@ FEWEST = 3.0  # intervals between samples that are no gap
 SHORTEST = 5  # samples of a piece that is used
 
 
-def bridged(problem: Problem) -> float:
+def bridge_length(problem: Problem) -> float:
     """Return over how long a gap [s] unknown forces go on as they were: until their rate would undo them.
 
     The root mean square of a force over that of its rate, from how far it may wander between samples. What
@@ -37,7 +37,7 @@ def pieces_of(point: Point, flight: Flight) -> list[Flight]:
     problem = flight.problem
     data = problem.data
     read = np.flatnonzero(np.isfinite(data.values).any(axis=1))
-    long = np.flatnonzero(np.diff(data.times[read]) > bridged(problem))
+    long = np.flatnonzero(np.diff(data.times[read]) > bridge_length(problem))
     if not len(long):
         return [flight]
     begins, ends = np.append(read[0], read[long + 1]), np.append(read[long], read[-1])

@@ -23,7 +23,7 @@ SOURCE = "smoothed"
 
 
 @dataclass(frozen=True)
-class _Shown:
+class _HiddenChannel:
     """A channel: its name, values (N, k) and standard deviations (N, k), those of states alone."""
 
     source: str
@@ -79,7 +79,7 @@ def hidden_states(found: FlightEstimate, *, parameters: bool = True) -> Recordin
     )
 
 
-def _of_flight(found: FlightEstimate, flight: Flight, parameters: bool) -> Iterator[_Shown]:
+def _of_flight(found: FlightEstimate, flight: Flight, parameters: bool) -> Iterator[_HiddenChannel]:
     equations = found.found
     model, smoothed = _smoothed(equations.point, flight)
     shown = list(_states(model, smoothed, flight))
@@ -90,7 +90,8 @@ def _of_flight(found: FlightEstimate, flight: Flight, parameters: bool) -> Itera
             for v, a, b in zip(variance, shown, other, strict=True):
                 v += ((b.values - a.values) / size) ** 2 * found.quality.widening**2
         shown = [
-            _Shown(x.source, x.quantity, x.values, np.sqrt(v)) for x, v in zip(shown, variance, strict=True)
+            _HiddenChannel(x.source, x.quantity, x.values, np.sqrt(v))
+            for x, v in zip(shown, variance, strict=True)
         ]
     yield from shown
     yield from _biases(found, flight)
@@ -118,26 +119,28 @@ def _neighbours(equations: NormalEquations) -> Iterator[tuple[Point, float]]:
             break
 
 
-def _states(model: SpacecraftModel, found: SmoothedStates, flight: Flight) -> Iterator[_Shown]:
+def _states(model: SpacecraftModel, found: SmoothedStates, flight: Flight) -> Iterator[_HiddenChannel]:
     s, nv = found.states, model.nv
     sigma = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2), 0.0))
     for joint in model.slosh:
         source = SOURCE if len(model.slosh) == 1 else f"{SOURCE}_{joint.name}"
         index = np.arange(nv)[joint.v]
-        yield _Shown(source, "slosh_position", s.q[:, joint.q], sigma[:, index])
-        yield _Shown(source, "slosh_velocity", s.v[:, joint.v], sigma[:, nv + index])
+        yield _HiddenChannel(source, "slosh_position", s.q[:, joint.q], sigma[:, index])
+        yield _HiddenChannel(source, "slosh_velocity", s.v[:, joint.v], sigma[:, nv + index])
     if len(model.modes):
         scale, index = model.mode_scale, np.asarray(model.modes.v)
-        yield _Shown(SOURCE, "modal_position", s.q[:, model.modes.q] * scale, sigma[:, index] * scale)
-        yield _Shown(SOURCE, "modal_velocity", s.v[:, model.modes.v] * scale, sigma[:, nv + index] * scale)
+        yield _HiddenChannel(SOURCE, "modal_position", s.q[:, model.modes.q] * scale, sigma[:, index] * scale)
+        yield _HiddenChannel(
+            SOURCE, "modal_velocity", s.v[:, model.modes.v] * scale, sigma[:, nv + index] * scale
+        )
     acts = [u.dof for u in flight.problem.unknown_inputs]
     for first, quantity in ((0, "force"), (3, "torque")):
         if model.free and all(first + i in acts for i in range(3)):
             own = [acts.index(first + i) for i in range(3)]
-            yield _Shown(SOURCE, quantity, found.unknown[:, own], sigma[:, [2 * nv + i for i in own]])
+            yield _HiddenChannel(SOURCE, quantity, found.unknown[:, own], sigma[:, [2 * nv + i for i in own]])
 
 
-def _biases(found: FlightEstimate, flight: Flight) -> Iterator[_Shown]:
+def _biases(found: FlightEstimate, flight: Flight) -> Iterator[_HiddenChannel]:
     """Yield the sensors' biases of a flight, constant, as its estimate has them."""
     start, samples = f"{flight.label}: ", len(flight.problem.data.times)
     own: dict[str, dict[str, tuple[float, float]]] = {}
@@ -149,4 +152,4 @@ def _biases(found: FlightEstimate, flight: Flight) -> Iterator[_Shown]:
         sensor, _, quantity = channel.partition(".")
         if set(axes) == set("xyz"):
             values, sigma = (np.tile([axes[a][k] for a in "xyz"], (samples, 1)) for k in (0, 1))
-            yield _Shown(f"bias_{sensor}", quantity, values, sigma)
+            yield _HiddenChannel(f"bias_{sensor}", quantity, values, sigma)

@@ -37,7 +37,7 @@ Method = Literal["ml", "filter", "paper"]
 
 
 @dataclass(frozen=True)
-class Identified:
+class IdentificationRun:
     """An estimate and what it was made by.
 
     ``linear`` is the paper's method, ``refined`` the batch likelihood started from it, ``flights`` the
@@ -62,7 +62,7 @@ def identify_spacecraft(
     cad: Cad | None = None,
     options: FlightOptions | None = None,
     tell: Callable[[str], None] | None = None,
-) -> Identified:
+) -> IdentificationRun:
     """Identify a free-flying spacecraft from any flights.
 
     With ``ml``, the two experiments of the paper, flown from rest, go the fast way: its linear method,
@@ -93,7 +93,7 @@ def identify_spacecraft(
                 advice="Use --method ml.",
             )
         linear = by_the_paper(description, recordings)
-        return Identified(linear.estimate, linear)
+        return IdentificationRun(linear.estimate, linear)
     sensors = description.effective_sensors()
     doubts = consistency_notes([without_known_errors(r, sensors) for r in recordings])
     reason = "asked for" if method == "filter" else _listed(description) or _stated(description, recordings)
@@ -125,7 +125,7 @@ def identify_spacecraft(
     first = found.estimate.notes[0], *wrong
     notes = (*first, f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
     estimate = replace(found.estimate, notes=notes)
-    return Identified(estimate, None, None, found, reason, found.quality, found.contradictions)
+    return IdentificationRun(estimate, None, None, found, reason, found.quality, found.contradictions)
 
 
 def _with_wrong_columns(
@@ -205,7 +205,7 @@ def _batch(
     cad: Cad | None,
     tell: Callable[[str], None] | None,
     doubts: Sequence[str],
-) -> Identified:
+) -> IdentificationRun:
     linear, start = _started(description, recordings, cad)
     if tell is not None:
         tell("refining by maximum likelihood")
@@ -221,4 +221,4 @@ def _batch(
     wrong = _better_columns(description, recordings, quality.judgement == "not explained")
     notes = (quality.sentence, *wrong, *(c.sentence for c in disagree), *doubts, *estimate.notes)
     estimate = replace(estimate, notes=notes)
-    return Identified(estimate, linear, refined, None, "", quality, disagree)
+    return IdentificationRun(estimate, linear, refined, None, "", quality, disagree)

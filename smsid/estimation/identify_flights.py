@@ -19,7 +19,7 @@ from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.flight_search import restless, search_flights
 from smsid.estimation.gaps import pieces_of
-from smsid.estimation.inertial_combinations import reported
+from smsid.estimation.inertial_combinations import reported_parameters
 from smsid.estimation.likelihood_profile import (
     BentInterval,
     BetterMaximum,
@@ -139,7 +139,7 @@ def _identify(
     searched = time.perf_counter()
     for _ in range(RESTARTS):
         quality = fit_quality(found)
-        rows = [_as_density(r, densities) for r in reported(found, described)]
+        rows = [_as_density(r, densities) for r in reported_parameters(found, described)]
         own = len(rows)
         rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.of_recording]
         covariance = np.linalg.inv(found.gram) + doubt
@@ -169,7 +169,7 @@ def _identify(
     limits = bound_intervals(found, quality.widening)
     judgements = zip(rows, np.sqrt(np.diag(spread)), shares, strict=True)
     parameters = [
-        _within_bounds(_judged(r, float(s), float(share), bent.get(k), quality), unknowns, limits)
+        _within_bounds(_with_status(r, float(s), float(share), bent.get(k), quality), unknowns, limits)
         for k, (r, s, share) in enumerate(judgements)
     ]
     told = [quality.sentence, *conflicts, *(c.sentence for c in disagree), *doubts]
@@ -243,7 +243,7 @@ def _prior_shares(found: NormalEquations, gradient: np.ndarray, covariance: np.n
     return np.einsum("ij,j,ij->i", spread, prior, spread) / np.maximum(variance, 1e-300)
 
 
-def _judged(
+def _with_status(
     row: Combination, sigma: float, share: float, bent: BentInterval | None, quality: FitQuality
 ) -> ParameterEstimate:
     """Return a parameter with its status; ``share`` of its variance is the prior's, ``bent`` its profile."""
@@ -253,13 +253,13 @@ def _judged(
     if share > HELD:
         return found
     if bent is not None:
-        found = _bent(found, bent)
+        found = _with_profile_interval(found, bent)
     if quality.judgement == "not explained" and found.status == "identifiable":
         return replace(found, status="not_identifiable", note=quality.reason)
     return found
 
 
-def _bent(p: ParameterEstimate, bent: BentInterval) -> ParameterEstimate:
+def _with_profile_interval(p: ParameterEstimate, bent: BentInterval) -> ParameterEstimate:
     """Return a parameter with the interval of its profile, which may have no end, and the status it has."""
     along = "" if bent.goes_with == p.name else f" along {bent.goes_with}"
     if bent.ends is None:

@@ -33,7 +33,7 @@ DIGITS, MOST_DIGITS = 4, 12  # of a factor in a name: as few as its effect on th
 TIPS = 0.1  # preference for lumping what is nearer to the tips
 
 
-def reported(found: NormalEquations, described: Point) -> list[Combination]:
+def reported_parameters(found: NormalEquations, described: Point) -> list[Combination]:
     """Return what is reported at a point, apart from the biases of single recordings."""
     unknowns = found.unknowns
     out = [_total_mass(found, described)] if any(u.kind == "inertial" for u in unknowns) else []

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from smsid.estimation.measurements import Measured, matrix
+from smsid.estimation.measurements import Measurements, matrix
 from smsid.estimation.problem import Belief
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 
@@ -42,7 +42,7 @@ AT_REST = 1e-6  # [m, rad, m/s, rad/s] how far from rest a motion that begins at
 
 def initial_belief(
     model: SpacecraftModel,
-    data: Measured,
+    data: Measurements,
     locked: np.ndarray,
     prior: InitialPrior | None = None,
     unsure: np.ndarray | None = None,
@@ -148,7 +148,7 @@ def _width(prior: InitialPrior, quantity: str) -> float:
     }.get(quantity, np.inf)
 
 
-def _first(data: Measured, rows: slice) -> int | None:
+def _first(data: Measurements, rows: slice) -> int | None:
     """Return the first sample at which a channel is there, if that is soon enough."""
     there = np.flatnonzero(np.isfinite(data.values[:, rows]).all(axis=1))
     if not len(there) or data.times[there[0]] - data.times[0] > FIRST:
@@ -156,7 +156,7 @@ def _first(data: Measured, rows: slice) -> int | None:
     return int(there[0])
 
 
-def _rate_of_attitude(data: Measured) -> np.ndarray | None:
+def _rate_of_attitude(data: Measurements) -> np.ndarray | None:
     """Return the mean angular rate (3,) over the first second of attitudes, body axes."""
     for q in data.attitude.values():
         there = np.flatnonzero(np.isfinite(q).all(axis=1))

@@ -175,7 +175,7 @@ def jumps_in(recording: Recording) -> bool:
     return any(bool(np.any(np.asarray(recording[c])[0])) for c in COMMANDS.values() if c in recording)
 
 
-def locked(model: SpacecraftModel, recording: Recording) -> np.ndarray:
+def locked_coordinates(model: SpacecraftModel, recording: Recording) -> np.ndarray:
     """Return the degrees of freedom (k,) held still: arms and wheels without a commanded torque."""
     found: list[int] = []
     if COMMANDS["joint_torque"] not in recording:

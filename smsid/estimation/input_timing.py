@@ -14,7 +14,7 @@ from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import VARYING, Hold, curved, mixed
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
@@ -26,7 +26,7 @@ FIRST = 4  # as many parts as the samples have, of which the first is filtered a
 FOLLOWED = 1.5  # times its noise, below which that part tells: what is not followed prefers anything
 
 
-def timings(recording: Recording) -> tuple[Timing, ...]:
+def timings(recording: Recording) -> tuple[CommandTiming, ...]:
     """Return how the commands of a recording may act: one where it says so itself.
 
     It does by ``inputs`` ("held" or "linear") and ``acceleration`` in its provenance. Commands that jump
@@ -40,10 +40,10 @@ def timings(recording: Recording) -> tuple[Timing, ...]:
         holds = (told["inputs"],)
     if "linear" in holds and curved(recording):
         holds = (*holds, "smooth")
-    return tuple(Timing(h, s) for h in holds for s in (sides[:1] if h in VARYING else sides))
+    return tuple(CommandTiming(h, s) for h in holds for s in (sides[:1] if h in VARYING else sides))
 
 
-def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timing:
+def timing_of(point: Point, problem: Problem, now: CommandTiming | None = None) -> CommandTiming:
     """Return how commands act between samples: as the recording says, else as its likelihood prefers.
 
     Where the model does not follow the recording, the likelihood is that with noise levels as large as the
@@ -55,7 +55,7 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
     choices = timings(problem.recording)
     if len(choices) == 1:
         return choices[0]
-    model, data, left, likely = point.model(), problem.data, np.inf, dict[Timing, float]()
+    model, data, left, likely = point.model(), problem.data, np.inf, dict[CommandTiming, float]()
     if now is not None:
         some = replace(problem, data=data.first(-(-len(data.times) // FIRST)))
         left, likely = _likelihoods(model, some, choices)
@@ -65,17 +65,17 @@ def timing_of(point: Point, problem: Problem, now: Timing | None = None) -> Timi
     if not likely:  # lost: the search says what is wrong; commands are taken for what they look like
         return now or next((t for t in choices if t.hold == "jumps"), choices[0])
     best = max(likely, key=lambda t: likely[t])
-    both = Timing("jumps", best.side)
+    both = CommandTiming("jumps", best.side)
     if left > MISFIT and both in likely:
         return both
     return now if now in likely and likely[best] - likely[now] < CLEARLY else best
 
 
 def _likelihoods(
-    model: SpacecraftModel, problem: Problem, choices: Sequence[Timing]
-) -> tuple[float, dict[Timing, float]]:
+    model: SpacecraftModel, problem: Problem, choices: Sequence[CommandTiming]
+) -> tuple[float, dict[CommandTiming, float]]:
     """Return what a model leaves at best, in noise, and how likely it is with commands as in each choice."""
-    runs: dict[Timing, FilterRun] = {}
+    runs: dict[CommandTiming, FilterRun] = {}
     for timing in choices:
         try:
             runs[timing] = run_filter(model, replace(problem, timing=timing))

@@ -13,11 +13,11 @@ import numpy as np
 
 from smsid.effects.base import Effect
 from smsid.errors import RecordingError
-from smsid.estimation.filter_pass import Applied
+from smsid.estimation.filter_pass import AppliedForces
 from smsid.estimation.filter_run import FilterRun, run_of_each
 from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import applied
-from smsid.estimation.measurements import ChannelSlice, Measured
+from smsid.estimation.measurements import ChannelSlice, Measurements
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Part, Problem, recordings_of, samples_of_each
 from smsid.estimation.process_model import ProcessModel
@@ -27,7 +27,7 @@ from smsid.recording import Recording
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedRecording:
     """A recording on the clock it shares with others, ``shift`` [s] later than by its own."""
 
     recording: Recording
@@ -35,13 +35,13 @@ class Placed:
     shift: float
 
 
-def on_one_clock(recordings: Sequence[Recording], labels: Sequence[str]) -> list[Placed]:
+def on_one_clock(recordings: Sequence[Recording], labels: Sequence[str]) -> list[PlacedRecording]:
     """Return recordings on one clock, each after the one before.
 
     Their own clock where they follow one another by it, as pieces of one flight do; else each begins a sample
     after the end of the one before.
     """
-    out: list[Placed] = []
+    out: list[PlacedRecording] = []
     end, shift = -np.inf, 0.0
     for recording, label in zip(recordings, labels, strict=True):
         clocks = [np.asarray(recording.time(c), dtype=float) for c in recording.channels]
@@ -49,12 +49,12 @@ def on_one_clock(recordings: Sequence[Recording], labels: Sequence[str]) -> list
         step = min(float(np.median(np.diff(c))) for c in clocks if len(c) > 1)
         if first + shift <= end:
             shift = end + step - first
-        out.append(Placed(recording.shifted(shift) if shift else recording, label, float(shift)))
+        out.append(PlacedRecording(recording.shifted(shift) if shift else recording, label, float(shift)))
         end = last + shift
     return out
 
 
-def joint_problem(problems: Sequence[Problem], placed: Sequence[Placed]) -> Problem:
+def joint_problem(problems: Sequence[Problem], placed: Sequence[PlacedRecording]) -> Problem:
     """Return recordings on one clock (`on_one_clock`) as one problem; of one, itself.
 
     Channels are those of all together, not a number where a recording has none. Raises `RecordingError` for
@@ -72,7 +72,7 @@ def joint_problem(problems: Sequence[Problem], placed: Sequence[Placed]) -> Prob
     return replace(problems[0], data=data, locked=np.array(sorted(held), dtype=int), parts=parts)
 
 
-def joined_data(parts: Sequence[Measured]) -> Measured:
+def joined_data(parts: Sequence[Measurements]) -> Measurements:
     """Return samples of several recordings, one after the other, with the channels of all.
 
     Raises `RecordingError` where a channel has other components in another recording.
@@ -103,7 +103,7 @@ def joined_data(parts: Sequence[Measured]) -> Measured:
             if own.channel in attitude:
                 attitude[own.channel][here] = part.attitude[own.channel]
     times = np.concatenate([p.times for p in parts])
-    return Measured(times, values, attitude, tuple(blocks.values()), sigma)
+    return Measurements(times, values, attitude, tuple(blocks.values()), sigma)
 
 
 def on_own_clock(problem: Problem, time: float) -> tuple[float, str]:
@@ -202,7 +202,7 @@ class JointSensitivities(Sensitivities):
         parts = ((found.middle, here[:-1] & here[1:]), (found.at, here), (found.reading, here))
         return Sensitivity(*(None if x is None else x * there for x, there in parts))
 
-    def _applied(self, model: SpacecraftModel) -> Applied:
+    def _applied(self, model: SpacecraftModel) -> AppliedForces:
         found = [
             applied(ProcessModel(model, s.problem.locked), s.problem, s.inputs, s.run.edges)
             for s in self.each
@@ -211,7 +211,7 @@ class JointSensitivities(Sensitivities):
         middle = np.concatenate([x for f in found for x in (f.middle, none)][:-1])
         # of the course within a step only the number of steps is asked here
         means = np.repeat(middle[:, None], max(f.means.shape[1] for f in found), axis=1)
-        return Applied(means, middle, np.concatenate([f.at for f in found]), np.zeros_like(means))
+        return AppliedForces(means, middle, np.concatenate([f.at for f in found]), np.zeros_like(means))
 
     def bias(self, unknown: Unknown) -> Sensitivity:
         """Return the change by a bias in the recording it is named after, if not the first."""

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from smsid.estimation.bias_walk import BiasWalks
 from smsid.estimation.compiled_filter import compiled_model
-from smsid.estimation.filter_pass import Applied, Instance, filter_samples
+from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs, log_likelihoods
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
@@ -26,7 +26,7 @@ AT_ONCE = ("acceleration", "joint_position")  # what depends on the forces of th
 
 def applied(
     plant: ProcessModel, problem: Problem, inputs: Inputs, times: np.ndarray | None = None
-) -> Applied:
+) -> AppliedForces:
     """Return the applied generalised forces on the clock of the samples, or of some ``times`` (n,) of it."""
     whole = problem.data.times
     times = whole if times is None else times
@@ -38,7 +38,9 @@ def applied(
     shape = (len(times) - 1, n, plant.nv)
     mean = means(signal, edges).reshape(shape)
     rise = -6.0 * unevenness(signal, edges) / np.diff(edges)[:, None] ** 2
-    return Applied(mean, mean.mean(axis=1), limits(signal, times, problem.timing.side), rise.reshape(shape))
+    return AppliedForces(
+        mean, mean.mean(axis=1), limits(signal, times, problem.timing.side), rise.reshape(shape)
+    )
 
 
 def run_filter(model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> FilterRun:
@@ -70,10 +72,10 @@ class KalmanFilter:
         self.model, self.problem, self.until = model, problem, until
         self.base = Instance.of(model, problem.data, problem.locked)
         self.walks = BiasWalks(problem.bias_walks, problem.data.rows) if problem.bias_walks else None
-        self.compiled = compiled_model(self.base)
-        if self.compiled is not None and self.walks is not None:
-            own = self.walks.compiled(self.compiled.parameters)
-            self.compiled = self.compiled._replace(parameters=own)
+        self.compiled_tables = compiled_model(self.base)
+        if self.compiled_tables is not None and self.walks is not None:
+            own = self.walks.compiled_tables(self.compiled_tables.parameters)
+            self.compiled_tables = self.compiled_tables._replace(parameters=own)
         self.inputs = problem.inputs(model)
         begin = problem.begin
         if begin is None:
@@ -125,7 +127,7 @@ class KalmanFilter:
             self.q.copy(), self.v.copy(), self.unknown.copy(), self.values.copy(), self.covariance.copy()
         )
         drive = forces.drive(self._unknown_at, self.walk, self.input_noise)
-        found = filter_samples(self.base, self.walks, self.compiled, drive, state, own)
+        found = filter_samples(self.base, self.walks, self.compiled_tables, drive, state, own)
         self.q, self.v, self.unknown, self.values, self.covariance = state
         self._next, self._before = first + n, forces.last
         (q, v, a, tau, inverse), (mid_q, mid_v, mid_a, mid_tau, mid_inverse) = found.at, found.middle

@@ -58,14 +58,14 @@ def likeliest_share(point: Point, flights: Sequence[Flight], near: float, *, upw
 
 def _likelihood(point: Point, flights: Sequence[Flight], share: float) -> float:
     try:
-        loose = [replace(f, problem=loosened(f.model, f.problem, share)) for f in flights]
+        loose = [replace(f, problem=loosen_model(f.model, f.problem, share)) for f in flights]
         return -objective_of(point, (), loose)
     except SmsidError as error:
         LOGGER.info("not with %.2g: %s", share, error)
         return -np.inf
 
 
-def loosened(model: SpacecraftModel, problem: Problem, share: float) -> Problem:
+def loosen_model(model: SpacecraftModel, problem: Problem, share: float) -> Problem:
     """Return a problem whose model may err, from sample to sample, by a share of what drives it."""
     applied: list[np.ndarray] = []
     for own in recordings_of(problem):

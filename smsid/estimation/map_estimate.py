@@ -42,7 +42,7 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Projected:
+class ProjectedColumns:
     """Whitened columns (N rows, d), what a fit's parameters leave of them (N rows + priors, d), and by how
     much these stand in for them (m, d), in scales.
     """
@@ -51,13 +51,13 @@ class Projected:
     left: np.ndarray
     taken: np.ndarray
 
-    def only(self, which: np.ndarray) -> Projected:
+    def only(self, which: np.ndarray) -> ProjectedColumns:
         """Return those of the columns that ``which`` (d,) marks."""
-        return Projected(self.columns[:, which], self.left[:, which], self.taken[:, which])
+        return ProjectedColumns(self.columns[:, which], self.left[:, which], self.taken[:, which])
 
 
 @dataclass(frozen=True)
-class Fit:
+class MapFit:
     """A fitted point: the filter's run there, and Gauss's normal equations in units of `Unknown.scale`.
 
     ``whitened`` (N, rows, m) are the derivatives of the whitened predictions, ``gram`` (m, m) and ``slope``
@@ -108,18 +108,18 @@ class Fit:
             left[:, rest] -= q @ (q.T @ left[:, rest])
         return left, solve_triangular(r, own)
 
-    def projected(self, groups: Sequence[np.ndarray]) -> list[Projected]:
+    def projected(self, groups: Sequence[np.ndarray]) -> list[ProjectedColumns]:
         """Return groups of whitened columns, (N rows, d) each, beside the fitted parameters.
 
         Many at once: one product of large matrices is far faster than many of thin ones.
         """
-        found: list[Projected] = []
+        found: list[ProjectedColumns] = []
         while len(found) < len(groups):
             widths = np.cumsum([g.shape[1] for g in groups[len(found) :]])
             some = groups[len(found) :][: max(1, int(np.searchsorted(widths, TOGETHER)))]
             ends = np.cumsum([g.shape[1] for g in some])[:-1]
             left, taken = (np.split(x, ends, axis=1) for x in self._parted(some))
-            found += [Projected(*x) for x in zip(some, left, taken, strict=True)]
+            found += [ProjectedColumns(*x) for x in zip(some, left, taken, strict=True)]
         return found
 
     @property
@@ -147,7 +147,7 @@ class Fit:
         errors = (shape_errors(self.run, dof) for dof, _ in self.problem.noise.shapes)
         return [flat @ e.reshape(flat.shape[1], -1) for e in errors]
 
-    def with_unfitted(self, more: Sequence[Unknown]) -> Fit:
+    def with_unfitted(self, more: Sequence[Unknown]) -> MapFit:
         """Return the fit with further parameters that stay as they are, but are as uncertain as they are."""
         unknowns = (*self.unknowns, *more)
         return _normal(self.point, unknowns, self.problem, self.run, self.changes.model)
@@ -166,7 +166,7 @@ def fit(
     iterations: int = 6,
     enough: float = ENOUGH,
     at_most: float = np.inf,
-) -> Fit:
+) -> MapFit:
     """Return the point that maximises likelihood times prior, from a start.
 
     ``enough`` is the gain of the log-posterior below which a step is the last; a fit that does not come
@@ -174,10 +174,12 @@ def fit(
     the start itself cannot be filtered.
     """
     start = evaluate(point, unknowns, problem)
-    return continued(start, iterations=iterations, enough=enough, at_most=at_most)
+    return continue_fit(start, iterations=iterations, enough=enough, at_most=at_most)
 
 
-def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_most: float = np.inf) -> Fit:
+def continue_fit(
+    found: MapFit, *, iterations: int = 6, enough: float = ENOUGH, at_most: float = np.inf
+) -> MapFit:
     """Return a fit some iterations on.
 
     Steps are shortened, those most that the data tell least of, until the objective falls and every body can
@@ -205,12 +207,12 @@ def continued(found: Fit, *, iterations: int = 6, enough: float = ENOUGH, at_mos
     return found
 
 
-def within_reach(found: Fit) -> float:
+def within_reach(found: MapFit) -> float:
     """Return the objective that one step of Gauss and Newton would reach if nothing were curved."""
     return found.objective - predicted_gain(found, bounded_step(found))
 
 
-def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
+def _last_step(found: MapFit, point: Point, step: np.ndarray, gain: float) -> MapFit:
     """Return the fit a small step on, its innovations moved along their derivatives."""
     run = replace(found.run, innovations=found.run.innovations - found.whitened @ step)
     prior = prior_of(point, found.unknowns, found.problem)
@@ -218,8 +220,8 @@ def _last_step(found: Fit, point: Point, step: np.ndarray, gain: float) -> Fit:
     return replace(found, point=point, run=run, slope=rest, objective=found.objective - gain, prior=prior)
 
 
-def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
-    def look(point: Point) -> tuple[float, Callable[[], Fit]]:
+def _descend(found: MapFit, radius: float) -> tuple[MapFit | None, float]:
+    def look(point: Point) -> tuple[float, Callable[[], MapFit]]:
         model = point.model()
         run = run_filter(model, at_point(point, found.problem))
         least = objective(point, found.unknowns, found.problem, run)
@@ -228,7 +230,7 @@ def _descend(found: Fit, radius: float) -> tuple[Fit | None, float]:
     return descend(found, radius, TRIES, look)
 
 
-def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Fit:
+def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> MapFit:
     """Return the normal equations at a point."""
     model = point.model()
     problem_here = at_point(point, problem)
@@ -251,7 +253,7 @@ def prior_of(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Pri
     return Prior(rows @ shift, rows * scale)
 
 
-def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: FilterRun, model) -> Fit:
+def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: FilterRun, model) -> MapFit:
     here = at_point(point, problem)
     changes = sensitivities(point, model, here, run)
     whitened = propagate(run, columns_of(changes, unknowns))
@@ -266,7 +268,7 @@ def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: Fi
     gram = flat.T @ flat + prior.rows.T @ prior.rows
     slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off
     least = objective(point, unknowns, problem, run)
-    return Fit(point, tuple(unknowns), problem, run, whitened, gram, slope, least, changes, prior)
+    return MapFit(point, tuple(unknowns), problem, run, whitened, gram, slope, least, changes, prior)
 
 
 def columns_of(changes: Sensitivities, unknowns: Sequence[Unknown]) -> list[Sensitivity]:

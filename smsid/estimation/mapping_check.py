@@ -20,7 +20,7 @@ from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import input_channels
 from smsid.estimation.joint_problem import thinned
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.loosening import loosened
+from smsid.estimation.loosening import loosen_model
 from smsid.estimation.maximum import maximise
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.unknowns import unknowns_of
@@ -91,7 +91,7 @@ def _fitted_errors(point: Point, recording: Recording) -> float:
 
 def _looked_at(point: Point, recording: Recording, share: float) -> Flight:
     flight = flight_of(point, recording, recording.name)
-    return replace(flight, problem=thinned(loosened(flight.model, flight.problem, share), RATE))
+    return replace(flight, problem=thinned(loosen_model(flight.model, flight.problem, share), RATE))
 
 
 def _hypotheses(model: SpacecraftModel, recording: Recording) -> Iterator[tuple[str, list[str], Mended]]:

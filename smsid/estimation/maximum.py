@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from smsid.estimation.differences import differenced
+from smsid.estimation.differences import difference_equations
 from smsid.estimation.flight import Flight
 from smsid.estimation.normal_equations import NormalEquations, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -42,16 +42,19 @@ def maximise(
     return _climb(found, flights, enough, iterations, tell, lambda better: better)
 
 
-def settled(
+def equations_at_maximum(
     found: NormalEquations, flights: Sequence[Flight], *, tell: Tell | None = None
 ) -> NormalEquations:
     """Return the normal equations at the maximum near a point where `maximise` came to a halt before it.
 
     Steps are of slopes by differences of whole runs (`smsid.estimation.differences`), and so are the normal
-    equations returned: at rest if `converged`. Raises `SimulationError` where a filter loses its recording.
+    equations returned: at rest if `has_converged`. Raises `SimulationError` where a filter loses its
+    recording.
     """
-    exact = differenced(found, flights)
-    return _climb(exact, flights, ENOUGH, ROUNDS, tell, lambda better: differenced(better, flights))[0]
+    exact = difference_equations(found, flights)
+    return _climb(exact, flights, ENOUGH, ROUNDS, tell, lambda better: difference_equations(better, flights))[
+        0
+    ]
 
 
 def _climb(
@@ -85,7 +88,7 @@ def _climb(
     return found, visited
 
 
-def converged(found: NormalEquations) -> bool:
+def has_converged(found: NormalEquations) -> bool:
     """Whether no step is left that would gain anything that matters."""
     return predicted_gain(found, bounded_step(found)) < 20.0 * ENOUGH
 

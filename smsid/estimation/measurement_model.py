@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.estimation.bus_readings import Bus, cross_matrices
-from smsid.estimation.measurements import ChannelSlice, Measured
+from smsid.estimation.measurements import ChannelSlice, Measurements
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 from smsid.simulate.trajectory import States
@@ -32,7 +32,7 @@ class Stations:
 class MeasurementModel:
     """Predicted measurements of one model, sample by sample with derivatives, or all samples at once."""
 
-    def __init__(self, model: SpacecraftModel, data: Measured, locked: np.ndarray | None = None) -> None:
+    def __init__(self, model: SpacecraftModel, data: Measurements, locked: np.ndarray | None = None) -> None:
         self.model, self.data, self.locked = model, data, locked
         self.gravity = np.asarray(model.pin.gravity.linear)
         self._constant = np.zeros((3, data.rows, model.nv))  # derivatives that do not depend on the motion

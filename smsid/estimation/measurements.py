@@ -88,7 +88,7 @@ class ChannelSlice:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurements:
     """All measured channels on one clock: times (N,), values (N, rows), NaN where there is none.
 
     An attitude's rows are zero in ``values``; its quaternions are in ``attitude`` by channel. ``sigma``
@@ -121,7 +121,7 @@ class Measured:
         seen = [self.attitude[b.channel][k] for b in self.blocks if b.quantity == "attitude"]
         return reading_errors(self.blocks, self.times[k], self.values[k], seen, predicted, rotation)
 
-    def with_blocks(self, sensors: Sequence[Sensor]) -> Measured:
+    def with_blocks(self, sensors: Sequence[Sensor]) -> Measurements:
         """Return the same samples read through other error models of the sensors."""
         by_name = {s.name: s for s in sensors}
         same = {b.sensor.name: b.sensor == by_name[b.sensor.name] for b in self.blocks}
@@ -133,26 +133,26 @@ class Measured:
         )
         return replace(self, blocks=blocks)
 
-    def scaled(self, factor: np.ndarray) -> Measured:
+    def scaled(self, factor: np.ndarray) -> Measurements:
         """Return the samples with noise levels (rows,) times a factor."""
         return replace(self, sigma=self.sigma * factor)
 
-    def thinned(self, rate: float) -> Measured:
+    def thinned(self, rate: float) -> Measurements:
         """Return every n-th sample, so that no more than ``rate`` a second remain (within a tenth)."""
         every = int(np.ceil(1.0 / (1.1 * rate * float(np.median(np.diff(self.times))))))
         if every <= 1:
             return self
         return self._only(slice(None, None, every))
 
-    def first(self, count: int) -> Measured:
+    def first(self, count: int) -> Measurements:
         """Return the first samples, so many."""
         return self._only(slice(count))
 
-    def _only(self, k: slice) -> Measured:
+    def _only(self, k: slice) -> Measurements:
         attitude = {name: q[k] for name, q in self.attitude.items()}
         return replace(self, times=self.times[k], values=self.values[k], attitude=attitude)
 
-    def without(self, faulty: np.ndarray) -> Measured:
+    def without(self, faulty: np.ndarray) -> Measurements:
         """Return the samples with those marked (N, rows) left out."""
         values = self.values.copy()
         values[faulty] = np.nan
@@ -186,7 +186,7 @@ def reading_errors(
 
 def measurements_of(
     model: SpacecraftModel, recording: Recording, sensors: Sequence[Sensor], longest: float = np.inf
-) -> Measured:
+) -> Measurements:
     """Return what a recording holds of the sensors' channels, at all times at which one of them has a sample.
 
     A channel is NaN where it has none. Times within `TOGETHER` of a sample interval of the fastest channel
@@ -206,7 +206,7 @@ def measurements_of(
             sensors=[s.name for s in sensors],
         )
     clocks = [np.asarray(recording.time(f"{s.name}.{q}")) for s, q in found]
-    times = _filled(_all_times(clocks), longest)
+    times = _fill_gaps(_all_times(clocks), longest)
     blocks, columns, sigmas, attitudes, start = [], [], [], {}, 0
     for (sensor, quantity), clock in zip(found, clocks, strict=True):
         channel = f"{sensor.name}.{quantity}"
@@ -231,7 +231,7 @@ def measurements_of(
         columns.append(placed)
         rate = 1.0 / float(np.median(np.diff(clock)))
         sigmas.append(_noise(sensor, quantity, rate, samples, placed.shape[1]))
-    return Measured(times, np.hstack(columns), attitudes, tuple(blocks), np.concatenate(sigmas))
+    return Measurements(times, np.hstack(columns), attitudes, tuple(blocks), np.concatenate(sigmas))
 
 
 def _all_times(clocks: Sequence[np.ndarray]) -> np.ndarray:
@@ -257,7 +257,7 @@ def _nearest(times: np.ndarray, clock: np.ndarray) -> np.ndarray:
     return after - (clock - times[after - 1] < times[after] - clock)
 
 
-def _filled(times: np.ndarray, longest: float) -> np.ndarray:
+def _fill_gaps(times: np.ndarray, longest: float) -> np.ndarray:
     """Return times (N,) with more between those that are further apart than ``longest`` [s].
 
     Raises `RecordingError` where that would be too many: a clock jumped.

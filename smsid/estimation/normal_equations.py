@@ -13,7 +13,7 @@ from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, propagate
-from smsid.estimation.unread_start import begun, derivative
+from smsid.estimation.unread_start import derivative, initial_knowledge
 
 CHUNK = 2000  # samples whose derivatives are in memory at once
 BLOCKS = 40  # parts of a recording whose slopes are compared
@@ -145,7 +145,7 @@ def problem_at(point: Point, flight: Flight) -> Problem:
     """Return the problem with the sensors, and the state at its beginning, as they are at the point."""
     sensors = point.for_recording(flight.label).sensors()
     data = flight.problem.data.with_blocks(sensors)
-    return replace(flight.problem, data=data, begin=begun(point, flight))
+    return replace(flight.problem, data=data, begin=initial_knowledge(point, flight))
 
 
 def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:

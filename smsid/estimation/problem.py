@@ -10,7 +10,7 @@ import numpy as np
 
 from smsid.estimation.bias_walk import BiasWalk
 from smsid.estimation.input_hold import Hold, commanded
-from smsid.estimation.measurements import ChannelSlice, Measured
+from smsid.estimation.measurements import ChannelSlice, Measurements
 from smsid.estimation.parameter_vector import JointPrior
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -20,7 +20,7 @@ SUBSTEP = 0.025  # [s] longest step of the integration between samples, unless t
 
 
 @dataclass(frozen=True)
-class Timing:
+class CommandTiming:
     """How commands act between samples, and on which side of a jump accelerations are sampled."""
 
     hold: Hold = "held"
@@ -28,7 +28,7 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Noise:
+class ProcessNoise:
     """Process noise: standard deviations of the inputs' errors, held over a sample, and of the start.
 
     ``force`` [N], ``torque`` [N m] on the bus, ``joint`` and ``wheel`` torques [N m] (joints,), (wheels,).
@@ -72,7 +72,7 @@ class UnknownInput:
     row: int = -1
 
 
-def walks_of(inputs: Sequence[UnknownInput], timing: Timing) -> np.ndarray:
+def walks_of(inputs: Sequence[UnknownInput], timing: CommandTiming) -> np.ndarray:
     """Return what random walks of unknown inputs add in a second (3, k): to the variance of each, to what
     that has in common with its mean over the interval, and to the variance of the mean.
 
@@ -96,7 +96,7 @@ class Part:
     label: str
     recording: Recording
     locked: np.ndarray
-    timing: Timing
+    timing: CommandTiming
     first: int
     shift: float = 0.0
     blocks: tuple[ChannelSlice, ...] = ()
@@ -115,10 +115,10 @@ class Problem:
     """
 
     recording: Recording
-    data: Measured
+    data: Measurements
     locked: np.ndarray
-    timing: Timing
-    noise: Noise
+    timing: CommandTiming
+    noise: ProcessNoise
     joint: JointPrior = field(default_factory=JointPrior)
     substep: float = SUBSTEP
     begin: Belief | None = None

@@ -23,7 +23,7 @@ def retract(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Poin
 
     Raises `SmsidError` when the step takes away a body that an effect has added.
     """
-    end = _rooted(start, start.moved(unknowns, step))
+    end = _move_places(start, start.moved(unknowns, step))
     if all(u.kind == "inertial" for u in unknowns):
         return end
     links = frozenset(u.column // 10 + 1 for u in unknowns if u.kind == "inertial")
@@ -36,7 +36,7 @@ def retract(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Poin
     return replace(end, inertial=inertial)
 
 
-def _rooted(start: Point, step: Point) -> Point:
+def _move_places(start: Point, step: Point) -> Point:
     """Return the end of a step, masses at unknown places moved by the roots of the masses.
 
     A point mass is ``a^2`` at ``b / a``: its moment of inertia, which rotation tells best, is ``b^2``,

@@ -11,7 +11,7 @@ import pinocchio as pin
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError
 from smsid.estimation.bias_walk import unit_bias
-from smsid.estimation.filter_pass import Applied, compiled_pays
+from smsid.estimation.filter_pass import AppliedForces, compiled_pays
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.kalman import applied
 from smsid.estimation.measurement_model import MeasurementModel
@@ -113,7 +113,7 @@ class Sensitivities:
         reading = self._reading(base, other, origin, model)
         return Sensitivity(middle, at, None if reading is None else reading / step)
 
-    def _applied(self, model: SpacecraftModel) -> Applied:
+    def _applied(self, model: SpacecraftModel) -> AppliedForces:
         process = ProcessModel(model, self.problem.locked)
         return applied(process, self.problem, self.inputs, self.run.edges)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from smsid.effects.base import Effect
 from smsid.errors import DescriptionError
-from smsid.estimation.measurements import ChannelSlice, Measured
+from smsid.estimation.measurements import ChannelSlice, Measurements
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.unknowns import effect_unknown
 from smsid.parameter import Parameter
@@ -14,7 +14,7 @@ from smsid.parameter import Parameter
 SPEED = 1.0  # [s] over which the rate of a reading is taken, for clocks that are off
 
 
-def reading_uncertainty(point: Point, data: Measured) -> np.ndarray:
+def reading_uncertainty(point: Point, data: Measurements) -> np.ndarray:
     """Return standard deviations (rows,) of the first readings by the priors of the errors of sensors.
 
     Each parameter of an effect is moved by its standard deviation, or as far as it goes; what this does to
@@ -36,7 +36,7 @@ def reading_uncertainty(point: Point, data: Measured) -> np.ndarray:
     return np.sqrt(variance)
 
 
-def _stated(data: Measured, block: ChannelSlice) -> np.ndarray:
+def _stated(data: Measurements, block: ChannelSlice) -> np.ndarray:
     """Return the variance of the first reading of a channel (rows of the block,) by what a sensor states of
     its bias, scale and misalignment, which every recording has its own of.
     """
@@ -63,7 +63,7 @@ def _moved(effect: Effect, p: Parameter) -> Effect | None:
     return None
 
 
-def _change(data: Measured, old: ChannelSlice, new: ChannelSlice) -> np.ndarray:
+def _change(data: Measurements, old: ChannelSlice, new: ChannelSlice) -> np.ndarray:
     """Return by how much the first reading of a channel changes (rows of the block,)."""
     x = data.values[:, old.rows]
     there = np.flatnonzero(np.isfinite(x).all(axis=1))

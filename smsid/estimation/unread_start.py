@@ -49,7 +49,7 @@ def with_unread_start(flight: Flight) -> tuple[Flight, list[Unknown]]:
     return (replace(flight, problem=problem) if found else flight), found
 
 
-def begun(point: Point, flight: Flight) -> Belief | None:
+def initial_knowledge(point: Point, flight: Flight) -> Belief | None:
     """Return what is known of the state that a flight begins with at a point."""
     begin = flight.problem.begin
     change = _change(point.for_recording(flight.label), flight)

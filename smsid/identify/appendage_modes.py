@@ -102,7 +102,7 @@ def panel_modes(
     """
     panel = signal_matrix(panel_acceleration, "panel_acceleration")
     base = signal_matrix(base_acceleration, "base_acceleration")
-    instants, rate = _even(np.asarray(time, float))
+    instants, rate = _sampling_rate(np.asarray(time, float))
     if base.shape[1] != 1:
         raise SmsidError(f"base_acceleration {base.shape} must be that of one direction, (N,).")
     if not len(panel) == len(base) == len(instants):
@@ -133,7 +133,7 @@ def panel_modes(
     )
 
 
-def _even(time: np.ndarray) -> tuple[np.ndarray, float]:
+def _sampling_rate(time: np.ndarray) -> tuple[np.ndarray, float]:
     """``time`` (N,) and its sampling rate [Hz]."""
     steps = np.diff(time)
     if time.ndim != 1 or time.size < 2 or not np.all(np.isfinite(time)):

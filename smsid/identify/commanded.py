@@ -15,7 +15,7 @@ FEW = 0.02  # share of samples at which a force may change and still count as ma
 
 
 @dataclass(frozen=True)
-class Acting:
+class BusWrench:
     """Force [N] and torque [N m] on the bus (N, 6) in body axes at ``times`` (N,) [s].
 
     ``steps``: the value holds until the next time; otherwise it is smooth between them.
@@ -36,7 +36,7 @@ def excited_axes(recording: Recording) -> str:
     )
 
 
-def actual_thrust(model: SpacecraftModel, recording: Recording, *, torque: bool = False) -> Acting:
+def actual_thrust(model: SpacecraftModel, recording: Recording, *, torque: bool = False) -> BusWrench:
     """Return the thrust of a recording after every effect's `drive`; with the commanded ``torque``, or zero.
 
     Raises `RecordingError` for commands that are not finite or not on one clock.
@@ -54,13 +54,13 @@ def actual_thrust(model: SpacecraftModel, recording: Recording, *, torque: bool 
     if not np.isfinite(values).all():
         raise RecordingError("'command.force' is not finite everywhere.", advice="Log what was commanded.")
     changes = np.count_nonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1))
-    commanded = Acting(times, values, bool(changes <= FEW * len(times)))
+    commanded = BusWrench(times, values, bool(changes <= FEW * len(times)))
     if all(type(e).drive is Effect.drive for e in model.description.effect) or not values.any():
         return commanded
     return _driven(model, commanded)
 
 
-def _driven(model: SpacecraftModel, commanded: Acting) -> Acting:
+def _driven(model: SpacecraftModel, commanded: BusWrench) -> BusWrench:
     # simulation is not needed without such effects, hence the imports here
     from smsid.inputs.inputs import Inputs
     from smsid.inputs.signals import Sampled
@@ -75,4 +75,4 @@ def _driven(model: SpacecraftModel, commanded: Acting) -> Acting:
     step = float(np.median(np.diff(times)))
     at = at[np.concatenate([[True], np.diff(at) > 1e-6 * step])]
     values = [np.array([s(t) for t in at]) if s is not None else np.zeros((len(at), 3)) for s in signals]
-    return Acting(at, np.hstack(values), commanded.steps)
+    return BusWrench(at, np.hstack(values), commanded.steps)

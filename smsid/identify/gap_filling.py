@@ -36,7 +36,7 @@ REGULAR = 0.25  # steps that a sample may be off an even clock for the clock to 
 
 
 @dataclass(frozen=True)
-class Mended:
+class FilledRecording:
     """A recording with every sample there and finite, channels of sensors and commands only.
 
     ``bridged`` holds, by channel, the longest bridge [s] and the share of samples that are bridged.
@@ -64,7 +64,7 @@ class Mended:
         )
 
 
-def fill_gaps(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
+def fill_gaps(recording: Recording, sensors: Sequence[Sensor]) -> FilledRecording:
     """Return a recording with what is unusable bridged; one without fault comes out as it went in.
 
     Raises `RecordingError` for a channel of which less than half is usable, for commands that are not
@@ -100,7 +100,7 @@ def fill_gaps(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
             bridged[name] = (_longest(bad) * step, float(np.mean(bad)))
         channels[name] = (clock, full)
     if not bridged and len(kept) == len(recording.channels):
-        return Mended(recording.check(), {})
+        return FilledRecording(recording.check(), {})
     built = Recording.from_arrays(
         None,
         channels,
@@ -113,7 +113,7 @@ def fill_gaps(recording: Recording, sensors: Sequence[Sensor]) -> Mended:
         role=recording.role,
         name=recording.name,
     )
-    return Mended(built.check(consistency=bool(bridged)), bridged)  # again where it may differ
+    return FilledRecording(built.check(consistency=bool(bridged)), bridged)  # again where it may differ
 
 
 def even_clock(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -56,7 +56,7 @@ def first_moments(model: SpacecraftModel, regressor: Regressor, q: np.ndarray) -
 
 
 @dataclass(frozen=True)
-class Split:
+class ParameterSplit:
     """Which inertial parameters are sought and which are known."""
 
     unknown: list[int]
@@ -65,7 +65,7 @@ class Split:
     units: tuple[str, ...]
 
     @classmethod
-    def of(cls, model: SpacecraftModel, regressor: Regressor, *, bus_first: bool) -> Split:
+    def of(cls, model: SpacecraftModel, regressor: Regressor, *, bus_first: bool) -> ParameterSplit:
         """Return the split of Step B (``bus_first``: all of bus and links but the bus's mass) or Step A.
 
         Step A seeks masses and first moments of the links; what belongs to neither is known.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.identify.estimate import ParameterEstimate
-from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments, skew
+from smsid.identify.momentum_rows import ParameterSplit, carried_by_bus, first_moments, skew
 from smsid.identify.robust import white_sigma
 from smsid.identify.sensor_roles import Roles
 from smsid.model.identifiable import BaseParameters, base_parameters
@@ -38,14 +38,14 @@ class Combination:
 
 
 @dataclass(frozen=True)
-class Still:
+class StationaryJoints:
     """Which arm joints and wheels stand still: indices into the model's groups."""
 
     joints: tuple[int, ...] = ()
     wheels: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, model: SpacecraftModel, recording: Recording) -> Still:
+    def of(cls, model: SpacecraftModel, recording: Recording) -> StationaryJoints:
         """Return what stands still: readings that stay as near to one value as their noise lets them."""
         if not (len(model.arm_joints) or len(model.wheels)):
             return cls()
@@ -117,13 +117,13 @@ def is_constant(values: np.ndarray) -> bool:
     return bool(np.abs(middle - np.median(good)).max() <= allowed)
 
 
-def if_all_moved(model: SpacecraftModel) -> tuple[BaseParameters, Split]:
+def if_all_moved(model: SpacecraftModel) -> tuple[BaseParameters, ParameterSplit]:
     """Return Step B's base parameters if every joint moved, and what they are combinations of.
 
     From random states: what can be told apart then does not depend on the motion.
     """
     regressor = Regressor(model)
-    parts = Split.of(model, regressor, bus_first=True)
+    parts = ParameterSplit.of(model, regressor, bus_first=True)
     rng = np.random.default_rng(0)
     q, v = np.tile(model.home, (STATES, 1)), rng.standard_normal((STATES, model.nv))
     for row in q:

@@ -18,7 +18,7 @@ import numpy as np
 
 from smsid.kernel.columns import BEAMS, FIRST, FORCES, FREE, PARENT, TURNING
 from smsid.kernel.forces import UNITS
-from smsid.kernel.jit import compiled
+from smsid.kernel.jit import compile_inner
 from smsid.kernel.spatial import (
     about_origin,
     bracket,
@@ -38,7 +38,7 @@ ROW, COUNT, POINTS, TURN, AT, MODES = 1, 2, 3, 4, 13, 16  # in a beam's table
 ZERO = (0.0, 0.0, 0.0)
 
 
-@compiled
+@compile_inner
 def first_of(root):
     """Return where the table of the first beam begins."""
     at = FIRST
@@ -47,7 +47,7 @@ def first_of(root):
     return at
 
 
-@compiled
+@compile_inner
 def frame(tree, root, at, turns, places):
     """Return rotation and place of a beam's root in bus axes."""
     row, turn, place = int(root[at + ROW]), matrix(root, at + TURN), three(root, at + AT)
@@ -59,21 +59,21 @@ def frame(tree, root, at, turns, places):
     return turn, place
 
 
-@compiled
+@compile_inner
 def seen(turn, place, linear, angular):
     """Return a spatial velocity about the bus's origin as that of a beam's root, in its axes."""
     back = transposed(turn)
     return times_vector(back, plus(linear, 1.0, cross(angular, place))), times_vector(back, angular)
 
 
-@compiled
+@compile_inner
 def told(turn, place, force, moment):
     """Return a wrench on a beam's root, in its axes, as one about the bus's origin."""
     force = times_vector(turn, force)
     return force, plus(times_vector(turn, moment), 1.0, cross(place, force))
 
 
-@compiled
+@compile_inner
 def points(root, at):
     """Return masses, places and stiffnesses of a beam's points (3, N), shapes (N, n), and the matrices of u
     and of its curvature (N, n, n).
@@ -91,7 +91,7 @@ def points(root, at):
     )
 
 
-@compiled
+@compile_inner
 def bending(root, at, angles, v, vdot, start):
     """Return the modes' coordinates, rates and accelerations (3, n)."""
     n = int(root[at + COUNT])
@@ -103,7 +103,7 @@ def bending(root, at, angles, v, vdot, start):
     return out
 
 
-@compiled
+@compile_inner
 def product(a, b):
     """Return the scalar product of two arrays (n,)."""
     total = 0.0
@@ -112,7 +112,7 @@ def product(a, b):
     return total
 
 
-@compiled
+@compile_inner
 def times(a, x):
     """Return the product of a matrix (n, n) and x (n,)."""
     out = np.empty(len(x))
@@ -121,14 +121,14 @@ def times(a, x):
     return out
 
 
-@compiled
+@compile_inner
 def swung(w, alpha, place, rate, rise):
     """Return the acceleration of a point that moves in turning axes."""
     out = plus(cross(alpha, place), 1.0, cross(w, cross(w, place)))
     return plus(plus(out, 2.0, cross(w, rate)), 1.0, rise)
 
 
-@compiled
+@compile_inner
 def forces_of(mass, lift, w, alpha, place, along, across):
     """Return what a point takes that is not drawn in, and by how much more one that is.
 
@@ -139,13 +139,13 @@ def forces_of(mass, lift, w, alpha, place, along, across):
     return plus(ZERO, mass, plus(lift, 1.0, plain)), plus(ZERO, mass, more)
 
 
-@compiled
+@compile_inner
 def body(s, r, p):
     """Return moment and inertia of the body."""
     return (-s, 0.0, 0.0), (0.0, 0.0, -2.0 * r, p, 0.0, -2.0 * r)
 
 
-@compiled
+@compile_inner
 def add_beams(tree, root, angles, v, vdot, work):
     """Add the beams to forces and inertias of the bodies that carry them, after these are filled.
 
@@ -207,7 +207,7 @@ def add_beams(tree, root, angles, v, vdot, work):
         at += int(root[at])
 
 
-@compiled
+@compile_inner
 def put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, out):
     """Add a change of the wrench on a beam's root and of its modes' forces (n,) to a column of ``out``."""
     start = 6 if root[FREE] > 0.0 else 0
@@ -224,7 +224,7 @@ def put_column(tree, root, at, on, turn, place, axes, wrench, modes, column, out
         out[start + int(root[at + MODES + k]), column] += root[at + MODES + n + k] * modes[k]
 
 
-@compiled
+@compile_inner
 def change_of(mass, w, alpha, across, along, plain, more, place):
     """Return by how much the wrench of what is drawn in changes, and both forces.
 
@@ -239,7 +239,7 @@ def change_of(mass, w, alpha, across, along, plain, more, place):
     return d_more, m, d_plain
 
 
-@compiled
+@compile_inner
 def add_row(out, f, m):
     """Add a wrench to a row (6,)."""
     for c in range(3):
@@ -247,7 +247,7 @@ def add_row(out, f, m):
         out[3 + c] += m[c]
 
 
-@compiled
+@compile_inner
 def add_beam_derivatives(tree, root, angles, v, vdot, gravity, first, second, work, mass, by_q, by_v):
     """Add to `smsid.kernel.derivatives` what beams do beyond the bodies that `add_beams` has added."""
     turns, places, axes, velocities, accelerations = work[:5]

@@ -6,19 +6,19 @@ from math import log, sqrt
 
 import numpy as np
 
-from smsid.kernel.jit import compiled
+from smsid.kernel.jit import compile_inner
 from smsid.kernel.spatial import cross, three
 
 LONGEST, MOST = 0.5, 12  # of the fastest motion's time constant that a step may be; halvings of it
 
 
-@compiled
+@compile_inner
 def multiply(a, b, out):
     """Write the product of two matrices; all three are contiguous by rows."""
     np.dot(a, b, out)
 
 
-@compiled
+@compile_inner
 def inverse_of_root(s, low, inverse):
     """Write L and its inverse, with L L' = s (n, n), lower triangles; return whether there is one."""
     for j in range(len(s)):
@@ -45,7 +45,7 @@ def inverse_of_root(s, low, inverse):
     return True
 
 
-@compiled
+@compile_inner
 def transposed_into(a, out):
     """Write the transpose of a matrix."""
     for i in range(a.shape[0]):
@@ -53,7 +53,7 @@ def transposed_into(a, out):
             out[j, i] = a[i, j]
 
 
-@compiled
+@compile_inner
 def symmetrise(p):
     """Make a matrix its own symmetric part."""
     for i in range(len(p)):
@@ -62,7 +62,7 @@ def symmetrise(p):
             p[j, i] = p[i, j]
 
 
-@compiled
+@compile_inner
 def correct(p, rows, variance, off, errors, sensitivity, innovations, normalised, whitening, gain, step):
     """Take in the readings of ``rows`` (n,), whitened in that order; write the step (x,) of the state.
 
@@ -120,7 +120,7 @@ def correct(p, rows, variance, off, errors, sensitivity, innovations, normalised
     return likely
 
 
-@compiled
+@compile_inner
 def halvings(h, by_q, by_v):
     """Return how often a step h [s] is halved until a series of fourth order holds for the fastest motion.
 
@@ -136,7 +136,7 @@ def halvings(h, by_q, by_v):
     return count
 
 
-@compiled
+@compile_inner
 def transition(h, v, by_q, by_v, free, out, forcing):
     """Write exp(A h) (2 nv, 2 nv), and the part (2 nv, nv) of its integral for forces.
 
@@ -186,7 +186,7 @@ def transition(h, v, by_q, by_v, free, out, forcing):
             out[r, c] = psi[r, c]
 
 
-@compiled
+@compile_inner
 def carry_trends(p, change, first, trends, steep, h):
     """Let parameters, from ``first`` on, change by their trends (k, 2) for h [s]: in the covariance (x, x)
     and the transition (x, x).
@@ -200,7 +200,7 @@ def carry_trends(p, change, first, trends, steep, h):
             p[c, own] += factor * p[c, by]
 
 
-@compiled
+@compile_inner
 def spread(p, change, forcing, inverse, noise, walk, rates, h):
     """Take the covariance (x, x) on through a transition (x, x) of h [s].
 

@@ -12,7 +12,7 @@ import numpy as np
 from smsid.kernel.beams import ZERO, add_beam_derivatives
 from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FORCES, FREE, PARENT, STIFFNESS, TIME
 from smsid.kernel.forces import UNITS, add_forces, add_tides
-from smsid.kernel.jit import compiled, compiled_and_cached
+from smsid.kernel.jit import compile_inner, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
 from smsid.kernel.spatial import (
     bracket,
@@ -30,7 +30,7 @@ from smsid.kernel.spatial import (
 from smsid.kernel.tree import outward, workspace
 
 
-@compiled
+@compile_inner
 def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out):
     """Write the generalised forces (nv,) that an acceleration takes, with springs, dampers and other forces,
     of which friction may go by the applied ones, ``load`` (nv,).
@@ -69,7 +69,7 @@ def forces_along(tree, bodies, root, times, q, v, a, load, out):
         inverse_dynamics(tree, bodies, root, angles, v[k], a[k], gravity, load[k], work, out[k])
 
 
-@compiled
+@compile_inner
 def momentum_terms(inertia, velocity, out):
     """Write momentum p and matrix D of a body, of its ``inertia`` (10,) and velocity (6,), into out (12,)."""
     u, w, h = three(velocity, 0), three(velocity, 3), three(inertia, 1)
@@ -88,7 +88,7 @@ def momentum_terms(inertia, velocity, out):
         out[3 + 4 * c] += along
 
 
-@compiled
+@compile_inner
 def derivatives(tree, bodies, root, angles, v, a, gravity, scratch, mass, by_q, by_v):
     """Write the mass matrix and the derivatives of the forces that an acceleration takes, (nv, nv) each.
 

@@ -22,7 +22,7 @@ from smsid.kernel.covariance import (
 )
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
 from smsid.kernel.forces import take_force_derivatives
-from smsid.kernel.jit import compiled, compiled_and_cached
+from smsid.kernel.jit import compile_inner, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, start_of_chart
 from smsid.kernel.readings import ATTITUDE, add_twists, read, residual, rotation_vector
 from smsid.kernel.tree import acceleration, workspace
@@ -30,7 +30,7 @@ from smsid.kernel.tree import acceleration, workspace
 DONE = -1  # what `run` returns where no sample was lost
 
 
-@compiled
+@compile_inner
 def linearise(tree, bodies, root, q, v, tau, scratch, a, by_q, by_v, inverse, angles):
     """Write accelerations (nv,), their derivatives by q and v, M^-1 and joint angles; return gravity."""
     own, mass, force_q, force_v, low, half, turned = scratch
@@ -50,7 +50,7 @@ def linearise(tree, bodies, root, q, v, tau, scratch, a, by_q, by_v, inverse, an
     return gravity
 
 
-@compiled
+@compile_inner
 def by_parameters(tree, bodies, roots, terms, weights, pushed, push, at, inverse, work, force, out):
     """Write how accelerations change with parameters (nv, m) into ``out``; ``at``: angles, v, a, gravity."""
     angles, v, a, gravity = at
@@ -67,7 +67,7 @@ def by_parameters(tree, bodies, roots, terms, weights, pushed, push, at, inverse
     multiply(inverse, changes, out)
 
 
-@compiled
+@compile_inner
 def reference(tree, root, state, at, scales, close, regular, acts, off, q, v, driving):
     """Write where the filter is linear: the mean of the state given the model's own parameters.
 
@@ -110,7 +110,7 @@ def reference(tree, root, state, at, scales, close, regular, acts, off, q, v, dr
         driving[acts[i]] += state.unknown[i] - off[2 * nv + i]
 
 
-@compiled
+@compile_inner
 def step_ahead(tree, bodies, root, q, v, tau, rise, h, stages, out_q):
     """Go on by h [s] by Runge and Kutta, forces from ``tau - rise`` to ``tau + rise``; v in place."""
     work, angles, moved, k, y, force = stages
@@ -131,7 +131,7 @@ def step_ahead(tree, bodies, root, q, v, tau, rise, h, stages, out_q):
     move(tree, root, q, y[:nv], out_q)
 
 
-@compiled
+@compile_inner
 def read_all(tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, derive, out, spare, work):
     """Write what sensors number ``t`` read of a state, also late ones, and if asked the derivatives.
 
@@ -173,7 +173,7 @@ def read_all(tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, der
                     h[first + c] += turn[c]
 
 
-@compiled
+@compile_inner
 def add_product(a, b, out, first):
     """Add the product of matrices (rows, nv), (nv, k) to columns of ``out`` from ``first`` on."""
     product = np.empty((a.shape[0], b.shape[1]))
@@ -183,7 +183,7 @@ def add_product(a, b, out, first):
             out[r, first + c] += product[r, c]
 
 
-@compiled
+@compile_inner
 def select(x, columns, out, first):
     """Write chosen columns (k,) of a matrix into those of ``out`` from ``first`` on."""
     for r in range(len(x)):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from smsid.kernel.columns import TIME
-from smsid.kernel.jit import compiled, compiled_and_cached
+from smsid.kernel.jit import compile_inner, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
 from smsid.kernel.spatial import cross, dot, plus, three, times_vector, transposed
 from smsid.kernel.steps import held_steps
@@ -83,7 +83,7 @@ class Path(NamedTuple):
     hits: np.ndarray
 
 
-@compiled
+@compile_inner
 def look(root, tree, craft, q, v, angles, out):
     """Write what perfect sensors see of a state into ``out``."""
     start_of_chart(tree, root, q, angles)
@@ -99,7 +99,7 @@ def look(root, tree, craft, q, v, angles, out):
         out[12 + 2 * n + k] = v[6 + craft.wheels[k]]
 
 
-@compiled
+@compile_inner
 def sense(senses, exact, i, n, seen):
     """Write what sensors report at sample i into ``seen[i]``; ``exact`` (N, m) are the states so far."""
     edges = (0, 9, 12, 12 + n, 12 + 2 * n, seen.shape[1])
@@ -124,7 +124,7 @@ def sense(senses, exact, i, n, seen):
                 seen[i, c] = np.round(total / grain) * grain if grain > 0.0 else total
 
 
-@compiled
+@compile_inner
 def quaternion_of(m):
     """Return the unit quaternion x y z w, w >= 0, of a rotation."""
     a, b, c = m[0][0], m[1][1], m[2][2]
@@ -143,7 +143,7 @@ def quaternion_of(m):
     return size * x, size * y, size * z, size * w
 
 
-@compiled
+@compile_inner
 def wanted_acceleration(law, i, seen, state, spare, wanted):
     """Write the acceleration (s,) that the law asks for, base in body axes; return whether there is one.
 
@@ -219,7 +219,7 @@ def wanted_acceleration(law, i, seen, state, spare, wanted):
     return True
 
 
-@compiled
+@compile_inner
 def solve_dense(a, x):
     """Solve a x = b, b in ``x``, by elimination with row exchange; return whether a is regular."""
     n = len(x)
@@ -247,7 +247,7 @@ def solve_dense(a, x):
     return True
 
 
-@compiled
+@compile_inner
 def command_of(law, craft, seen, wanted, work, angles, v, a, bias, full, system, x, out):
     """Write wheel torques on the base and joint torques (s,) that give the wanted acceleration (s,).
 
@@ -309,7 +309,7 @@ def command_of(law, craft, seen, wanted, work, angles, v, a, bias, full, system,
     return True
 
 
-@compiled
+@compile_inner
 def drive(craft, command, v, period, motors, hits, out):
     """Write the generalised forces of a command (s,) within the limits into ``out`` (nv,).
 

@@ -11,7 +11,7 @@ from math import cos, exp, sin, sqrt, tanh
 import numpy as np
 
 from smsid.kernel.columns import ATTITUDE, FIRST, FORCES, FREE, MASS, TIME
-from smsid.kernel.jit import compiled
+from smsid.kernel.jit import compile_inner
 from smsid.kernel.spatial import cross, dot, plus, six, three, times_vector
 
 LAW, START, COUNT, ROWS = 1, 2, 3, 4  # in a table
@@ -24,7 +24,7 @@ UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PROBE = 1e-6  # step of the differences, as of nonlinear forces elsewhere
 
 
-@compiled
+@compile_inner
 def friction(root, k, angle, rate, load):
     """Return the torque against the motion of the laws of friction whose numbers begin at ``k``."""
     sign = tanh(rate / root[k + 10])
@@ -36,7 +36,7 @@ def friction(root, k, angle, rate, load):
     return wet * rate + dry * sign
 
 
-@compiled
+@compile_inner
 def in_body_axes(root, x):
     """Return a vector of inertial axes in those of the bus."""
     a, s = three(root, ATTITUDE), root[ATTITUDE + 3]
@@ -44,7 +44,7 @@ def in_body_axes(root, x):
     return plus(plus(x, 2.0 * s, y), 2.0, cross(y, a))
 
 
-@compiled
+@compile_inner
 def add_force(root, at, angles, v, tau, sign, out):
     """Add the force whose table begins at ``at``, times a sign, to ``out`` (nv,)."""
     if root[TIME] < root[at + START]:
@@ -95,7 +95,7 @@ def add_force(root, at, angles, v, tau, sign, out):
             out[first] -= sign * (root[k + 1] * (x - side * root[k]) + root[k + 2] * v[first])
 
 
-@compiled
+@compile_inner
 def add_forces(root, angles, v, tau, sign, out):
     """Add all forces, times a sign, to ``out`` (nv,)."""
     at = FIRST
@@ -104,7 +104,7 @@ def add_forces(root, angles, v, tau, sign, out):
         at += int(root[at])
 
 
-@compiled
+@compile_inner
 def add_tides(root, work, sign, out):
     """Add the gradients of gravity, times a sign, to ``out`` (nv,).
 
@@ -139,7 +139,7 @@ def add_tides(root, work, sign, out):
         at += int(root[at])
 
 
-@compiled
+@compile_inner
 def grow(bodies, root):
     """Give bodies whose inertia grows in time what they have now: a row, -1 the bus, the time that it has
     grown until now, and what it grows by in a second (10,).
@@ -159,7 +159,7 @@ def grow(bodies, root):
         at += int(root[at])
 
 
-@compiled
+@compile_inner
 def take_differences(root, at, angles, v, tau, here, then, x, start, out):
     """Take away how a force that is ``here`` (nv,) changes with ``x``, which is ``angles`` or ``v``."""
     n = int(root[at + COUNT])
@@ -175,7 +175,7 @@ def take_differences(root, at, angles, v, tau, here, then, x, start, out):
             out[row, i] -= (then[row] - here[row]) / PROBE
 
 
-@compiled
+@compile_inner
 def take_force_derivatives(root, angles, v, tau, by_q, by_v):
     """Take away how all forces change with q and v: from derivatives of what an acceleration takes."""
     at, start, here, then = FIRST, 6 if root[FREE] > 0.0 else 0, np.zeros(len(v)), np.zeros(len(v))

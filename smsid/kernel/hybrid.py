@@ -7,12 +7,12 @@ from math import isfinite, sqrt
 import numpy as np
 
 from smsid.kernel.columns import COUPLED, FREE
-from smsid.kernel.jit import compiled, compiled_and_cached
+from smsid.kernel.jit import compile_inner, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
 from smsid.kernel.tree import assemble, workspace
 
 
-@compiled
+@compile_inner
 def free_block(tree, base, free, work, out):
     """Write the lower triangle of the mass matrix of ``free`` (f,) indices in v into ``out`` (f, f).
 
@@ -34,7 +34,7 @@ def free_block(tree, base, free, work, out):
                 out[r, c] = mass[i, j] if above == j else 0.0
 
 
-@compiled
+@compile_inner
 def solve_symmetric(a, b):
     """Solve a x = b by Cholesky's factorisation, in place; ``False`` where a is not positive definite.
 

@@ -25,7 +25,7 @@ OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reas
 _reasons: list[str] = [] if numba else ["numba is not installed (pip install 'smsid[fast]')"]
 
 
-def compiled(function: Callable[..., Any]) -> Any:
+def compile_inner(function: Callable[..., Any]) -> Any:
     """Compile a function that other compiled ones call."""
     return function if numba is None else numba.njit(function, **OPTIONS)
 
@@ -43,15 +43,17 @@ def compiled_and_cached(function: Callable[..., Any]) -> Any:
         kept = found._cache
         # as a version, for numba looks at it before it unpickles what may name classes that are gone
         kept._cache_file._version = f"{numba.__version__} {_digest()}"
-        kept.load_overload = _forgiving(kept.load_overload, kept.flush)
-        kept.save_overload = _forgiving(kept.save_overload)
+        kept.load_overload = _without_cache_errors(kept.load_overload, kept.flush)
+        kept.save_overload = _without_cache_errors(kept.save_overload)
     except (RuntimeError, AttributeError, OSError) as error:
         _reasons.append(f"numba keeps no cache ({error}); NUMBA_CACHE_DIR may name a folder for it")
         return function
     return found
 
 
-def _forgiving(act: Callable[..., Any], afterwards: Callable[[], None] = lambda: None) -> Callable[..., Any]:
+def _without_cache_errors(
+    act: Callable[..., Any], afterwards: Callable[[], None] = lambda: None
+) -> Callable[..., Any]:
     """Return a function that loads or saves, or says why it could not: nothing is lost without a cache."""
 
     def attempt(*given: Any) -> Any:

@@ -7,12 +7,12 @@ from math import cos, sin, sqrt
 import numpy as np
 
 from smsid.kernel.columns import ATTITUDE, BEGUN, ENDLESS, FORCES, FREE, GRAVITY, KIND, PLACE
-from smsid.kernel.jit import compiled
+from smsid.kernel.jit import compile_inner
 from smsid.kernel.spatial import NEAR, bracket, cross, dot, plus, three, turned, unit_functions
 from smsid.kernel.tree import acceleration
 
 
-@compiled
+@compile_inner
 def chart_rate(xi, v, out):
     """Write the rate of the chart's pose xi (6,) under the body velocity v (6,): Jlog6(exp6(xi)) v."""
     x, w = three(xi, 0), three(xi, 3)
@@ -35,7 +35,7 @@ def chart_rate(xi, v, out):
         out[3 + k] = b[k] + 0.5 * b1[k] + second * b2[k] + fourth * b4[k]
 
 
-@compiled
+@compile_inner
 def start_of_chart(tree, root, q, angles):
     """Read the joints' angles from q; return gravity in bus axes."""
     start = 7 if root[FREE] > 0.0 else 0
@@ -53,7 +53,7 @@ def start_of_chart(tree, root, q, angles):
     return plus(plus(g, -2.0 * q[6], y), 2.0, cross(x, y))
 
 
-@compiled
+@compile_inner
 def gravity_here(root, gravity, xi):
     """Return gravity in the axes of the bus that has moved by xi in its chart."""
     if root[FREE] == 0.0 or (gravity[0] == 0.0 and gravity[1] == 0.0 and gravity[2] == 0.0):
@@ -64,7 +64,7 @@ def gravity_here(root, gravity, xi):
     return plus(plus(gravity, -a, y), b, cross(w, y))
 
 
-@compiled
+@compile_inner
 def chart_velocity(tree, bodies, root, angles, gravity, xi, v, tau, moved, work, out):
     """Write the rate of (xi, v) (2 nv,) in the chart about ``angles`` into ``out``."""
     nv = len(v)
@@ -81,7 +81,7 @@ def chart_velocity(tree, bodies, root, angles, gravity, xi, v, tau, moved, work,
     acceleration(tree, bodies, root, moved, v, tau, gravity_here(root, gravity, xi), work, out[nv:])
 
 
-@compiled
+@compile_inner
 def turn_ahead(a, s, w):
     """Return vector and scalar of a quaternion (a, s), turned by the rotation vector w of its own axes."""
     square = dot(w, w)
@@ -90,7 +90,7 @@ def turn_ahead(a, s, w):
     return plus(plus(cross(a, w), s, w), t, a), s * t - dot(a, w)
 
 
-@compiled
+@compile_inner
 def move_bus(q, xi, out):
     """Write the pose q (+) xi of the bus into ``out``."""
     x, w = three(xi, 0), three(xi, 3)
@@ -107,7 +107,7 @@ def move_bus(q, xi, out):
     out[3], out[4], out[5], out[6] = size * e[0], size * e[1], size * e[2], size * last
 
 
-@compiled
+@compile_inner
 def move(tree, root, q, xi, out):
     """Write q (+) xi into ``out``."""
     free = root[FREE] > 0.0

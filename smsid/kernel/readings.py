@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from smsid.kernel.columns import FREE
-from smsid.kernel.jit import compiled
+from smsid.kernel.jit import compile_inner
 from smsid.kernel.spatial import cross, dot, plus, three, turned
 from smsid.kernel.tree import assemble, solve_tree
 
@@ -51,13 +51,13 @@ class Readings(NamedTuple):
     twists: np.ndarray
 
 
-@compiled
+@compile_inner
 def unit(c):
     """Return a unit vector."""
     return (1.0 if c == 0 else 0.0), (1.0 if c == 1 else 0.0), (1.0 if c == 2 else 0.0)
 
 
-@compiled
+@compile_inner
 def bent(twist, torque):
     """Return by how much a gear gives under a torque: in proportion to it, or as a gap does."""
     if twist[3] == COMPLIANCE:
@@ -66,7 +66,7 @@ def bent(twist, torque):
     return twist[4] * x / (1.0 + abs(x) ** twist[6]) ** (1.0 / twist[6])
 
 
-@compiled
+@compile_inner
 def add_twists(senses, tree, bodies, root, v, tau, a, angles, gravity, work, h):
     """Add to encoders what they see of gears that give at once: `SpacecraftModel.encoder_twist`."""
     start, n = 6 if root[FREE] > 0.0 else 0, len(senses.twists)
@@ -91,7 +91,7 @@ def add_twists(senses, tree, bodies, root, v, tau, a, angles, gravity, work, h):
                 h[other] += senses.gain[0, other, row] * ahead
 
 
-@compiled
+@compile_inner
 def read(senses, t, root, q, v, a, angles, gravity, derive, h, by_q, by_v, by_a):
     """Write readings (rows,) of sensors number ``t`` into ``h`` and, if asked, derivatives (rows, nv).
 
@@ -124,7 +124,7 @@ def read(senses, t, root, q, v, a, angles, gravity, derive, h, by_q, by_v, by_a)
                 x[first:last] = np.dot(gain, x[first:last].copy())
 
 
-@compiled
+@compile_inner
 def read_bus(senses, t, q, v, derive, h, by_q, by_v):
     """Write what sensors on the bus read of its place and velocity."""
     u, w, here = three(v, 0), three(v, 3), three(q, 0)
@@ -161,7 +161,7 @@ def read_bus(senses, t, q, v, derive, h, by_q, by_v):
                         by_v[row + i, c], by_v[row + i, 3 + c] = column[i], swept[i]
 
 
-@compiled
+@compile_inner
 def read_station(senses, t, k, v, a, angles, gravity, derive, h, by_q, by_v, by_a):
     """Write the specific force at a station of an appendage, or at a point of the bus, in bus axes."""
     row, modes = senses.rows[k], senses.modes[k]
@@ -223,7 +223,7 @@ def read_station(senses, t, k, v, a, angles, gravity, derive, h, by_q, by_v, by_
             by_a[row + c, 6 + modes[i]] = lead[c]
 
 
-@compiled
+@compile_inner
 def rotation_vector(q, other, first):
     """Return the rotation vector [rad] from the attitude of q (nq,) to the quaternion other[first:]."""
     e, s = (-q[3], -q[4], -q[5]), q[6]
@@ -235,7 +235,7 @@ def rotation_vector(q, other, first):
     return factor * y[0], factor * y[1], factor * y[2]
 
 
-@compiled
+@compile_inner
 def residual(senses, time, q, measured, attitudes, h, out):
     """Write measured minus predicted (rows,) at a time [s]; an attitude's as rotation vector, body axes.
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import RK45
 
 from smsid.kernel.columns import FREE, TIME
-from smsid.kernel.jit import compiled, compiled_and_cached
+from smsid.kernel.jit import compile_inner, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, start_of_chart
 from smsid.kernel.tree import acceleration, workspace
 
@@ -21,7 +21,7 @@ PLACES = np.append(RK45.C, 1.0)
 ERRORS, POLYNOMIAL = np.ascontiguousarray(RK45.E), np.ascontiguousarray(RK45.P)
 
 
-@compiled
+@compile_inner
 def combine(weights, count, k, scale, out):
     """Write ``scale`` times the sum of ``count`` rows of ``k`` by their weights into ``out``."""
     out[:] = 0.0
@@ -31,7 +31,7 @@ def combine(weights, count, k, scale, out):
             out[i] += weight * k[j, i]
 
 
-@compiled
+@compile_inner
 def short_step(tree, bodies, root, q, v, tau, t, h, latest, scratch, k, y):
     """Take a step of Dormand and Prince from q (nq,), v (nv,); (xi, v) at its end are in ``y`` (2 nv,).
 
@@ -48,7 +48,7 @@ def short_step(tree, bodies, root, q, v, tau, t, h, latest, scratch, k, y):
         chart_velocity(tree, bodies, root, angles, gravity, y[:nv], y[nv:], tau, moved, work, k[s])
 
 
-@compiled
+@compile_inner
 def step_error(k, v, y, h, relative, absolute, scratch):
     """Return the error of a step in units of the tolerance."""
     nv, size = len(v), 0.0

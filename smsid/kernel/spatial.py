@@ -8,42 +8,42 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from smsid.kernel.jit import compiled
+from smsid.kernel.jit import compile_inner
 
 NEAR = 0.05  # square of an angle [rad^2] below which its functions are series
 
 
-@compiled
+@compile_inner
 def cross(a, b):
     """Return the cross product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@compiled
+@compile_inner
 def dot(a, b):
     """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled
+@compile_inner
 def plus(a, s, b):
     """Return a + s b."""
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
 
 
-@compiled
+@compile_inner
 def three(x, k):
     """Return three numbers of an array from k on."""
     return x[k], x[k + 1], x[k + 2]
 
 
-@compiled
+@compile_inner
 def six(x, k):
     """Return six numbers of an array from k on."""
     return x[k], x[k + 1], x[k + 2], x[k + 3], x[k + 4], x[k + 5]
 
 
-@compiled
+@compile_inner
 def matrix(x, k):
     """Return nine numbers of an array from k on as the rows of a matrix."""
     return (
@@ -53,13 +53,13 @@ def matrix(x, k):
     )
 
 
-@compiled
+@compile_inner
 def times_vector(m, a):
     """Return the matrix m times the vector a."""
     return dot(m[0], a), dot(m[1], a), dot(m[2], a)
 
 
-@compiled
+@compile_inner
 def times_matrix(m, n):
     """Return the product of two matrices."""
     a = (n[0][0], n[1][0], n[2][0])
@@ -72,7 +72,7 @@ def times_matrix(m, n):
     )
 
 
-@compiled
+@compile_inner
 def transposed(m):
     """Return the transpose of a matrix."""
     return (
@@ -82,7 +82,7 @@ def transposed(m):
     )
 
 
-@compiled
+@compile_inner
 def turn_about(axis, angle):
     """Return the rotation about a unit vector."""
     c, s = cos(angle), sin(angle)
@@ -95,7 +95,7 @@ def turn_about(axis, angle):
     )
 
 
-@compiled
+@compile_inner
 def turned_inertia(m, i):
     """Return R I R' of I = (xx, xy, yy, xz, yz, zz)."""
     full = ((i[0], i[1], i[3]), (i[1], i[2], i[4]), (i[3], i[4], i[5]))
@@ -107,7 +107,7 @@ def turned_inertia(m, i):
     return dot(m[0], a), dot(m[1], a), dot(m[1], b), dot(m[2], a), dot(m[2], b), dot(m[2], c)
 
 
-@compiled
+@compile_inner
 def by_inertia(i, a):
     """Return I a of I = (xx, xy, yy, xz, yz, zz)."""
     return (
@@ -117,7 +117,7 @@ def by_inertia(i, a):
     )
 
 
-@compiled
+@compile_inner
 def wrench(mass, moment, inertia, linear, angular):
     """Return the inertia (mass, moment h, I about the origin) times a spatial vector."""
     return (
@@ -126,7 +126,7 @@ def wrench(mass, moment, inertia, linear, angular):
     )
 
 
-@compiled
+@compile_inner
 def bearing_force(mass, moment, inertia, velocity, spin, acceleration, turning):
     """Return the force I a + V x* (I V) of a body on its bearing."""
     p, k = wrench(mass, moment, inertia, velocity, spin)
@@ -137,7 +137,7 @@ def bearing_force(mass, moment, inertia, velocity, spin, acceleration, turning):
     )
 
 
-@compiled
+@compile_inner
 def about_origin(mass, moment, inertia, place):
     """Return moment and inertia about the origin of a body whose own are about a place."""
     x, y, z = place
@@ -154,20 +154,20 @@ def about_origin(mass, moment, inertia, place):
     )
 
 
-@compiled
+@compile_inner
 def put(x, first, more):
     """Write two vectors, one after the other, into an array."""
     x[0], x[1], x[2] = first
     x[3], x[4], x[5] = more
 
 
-@compiled
+@compile_inner
 def bracket(v, w, a, b):
     """Return the Lie bracket of the spatial vectors (v, w) and (a, b)."""
     return plus(cross(w, a), 1.0, cross(v, b)), cross(w, b)
 
 
-@compiled
+@compile_inner
 def unit_functions(square):
     """Return sin(x)/x, (1 - cos x)/x^2 and (x - sin x)/x^3 of the square of x."""
     if square < NEAR:
@@ -182,7 +182,7 @@ def unit_functions(square):
     return sin(x) / x, (1.0 - cos(x)) / square, (x - sin(x)) / (x * square)
 
 
-@compiled
+@compile_inner
 def turned(pose, a):
     """Return a vector of bus axes in inertial axes."""
     x = three(pose, 3)

@@ -8,7 +8,7 @@ import numpy as np
 
 from smsid.kernel.columns import ARMATURE, DAMPING, FORCES, FREE, GRAVITY, STIFFNESS, TIME
 from smsid.kernel.forces import add_forces, add_tides
-from smsid.kernel.jit import compiled, compiled_and_cached
+from smsid.kernel.jit import compile_inner, compiled_and_cached
 from smsid.kernel.motion import chart_velocity, move, move_bus, start_of_chart
 from smsid.kernel.spatial import cross, dot, plus, six, three, turned, wrench
 from smsid.kernel.tree import outward, workspace
@@ -19,7 +19,7 @@ LOST = 1.0  # [rad] turn of the bus in a step
 WITHIN = 1e-9  # of a step, by which its ends are taken within: what begins or ends there is of one side
 
 
-@compiled
+@compile_inner
 def external_rates(bodies, root, pose, angles, v, tau, work, factor, out):
     """Add ``factor`` times the rates of momentum about the inertial origin and of energy to ``out`` (7,).
 

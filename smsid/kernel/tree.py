@@ -35,7 +35,7 @@ from smsid.kernel.columns import (
     TURNING,
 )
 from smsid.kernel.forces import add_forces, add_tides, grow
-from smsid.kernel.jit import compiled
+from smsid.kernel.jit import compile_inner
 from smsid.kernel.spatial import (
     about_origin,
     bearing_force,
@@ -54,7 +54,7 @@ from smsid.kernel.spatial import (
 )
 
 
-@compiled
+@compile_inner
 def workspace(n):
     """Return scratch space: orientations, places, axes, velocities, accelerations, forces, inertias of
     bodies (the last row is the bus), the mass matrix in three parts, zeros (n + 6,), and of joints that are
@@ -76,7 +76,7 @@ def workspace(n):
     )
 
 
-@compiled
+@compile_inner
 def outward(tree, bodies, root, angles, v, vdot, gravity, work):
     """Velocities, accelerations, forces and inertias of all bodies in bus axes, from the bus outwards.
 
@@ -166,14 +166,14 @@ def outward(tree, bodies, root, angles, v, vdot, gravity, work):
         add_beams(tree, root, angles, v, vdot, work)
 
 
-@compiled
+@compile_inner
 def acceleration(tree, bodies, root, angles, v, tau, gravity, work, out):
     """Write vdot (nv,) under applied forces ``tau`` and the springs and dampers into ``out``."""
     assemble(tree, bodies, root, angles, v, tau, gravity, work, out)
     solve_tree(tree, root[FREE] > 0.0, work[7], work[8], work[9], out)
 
 
-@compiled
+@compile_inner
 def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
     """Fill the mass matrix and write ``tau`` with springs and dampers, less bias forces, into ``out`` (nv,).
 
@@ -233,7 +233,7 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
         add_tides(root, work, 1.0, out)
 
 
-@compiled
+@compile_inner
 def solve_tree(tree, free, mass, coupling, whole, out):
     """Solve H x = b, b in ``out``, by H = L' D L, H as `assemble` leaves it; overwrites it."""
     n = len(tree)

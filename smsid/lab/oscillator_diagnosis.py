@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.arm.regression import Projection
-from smsid.diagnose.result import Diagnosis, FoundCause, Limit, Remaining, Value
+from smsid.diagnose.result import Diagnosis, FoundCause, Limit, SignificantTest, Value
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.whitening import robust_p_value
 from smsid.diagnose.validation import ChannelGain, Gain
@@ -162,7 +162,7 @@ def _significant_tests(
     drive: np.ndarray,
     output: np.ndarray,
     cut: Sequence[slice],
-) -> tuple[list[Remaining], int]:
+) -> tuple[list[SignificantTest], int]:
     """Generic tests that are significant, and how many there were: what acts like a force of that kind.
 
     A force passes through the oscillator; sensitivities by terms of the catalogue that are not in it have
@@ -186,7 +186,7 @@ def _significant_tests(
         score = _score(fitted, np.stack(parts, axis=1), residual)
         if score.p_value * len(blocks) < BLOCK:
             chi = float(chi2.isf(score.p_value, score.freedom))
-            found.append(Remaining("simulation error", what, chi, score.freedom, score.p_value))
+            found.append(SignificantTest("simulation error", what, chi, score.freedom, score.p_value))
     return sorted(found, key=lambda r: r.p_value), len(blocks)
 
 

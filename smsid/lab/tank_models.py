@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from smsid._short_repr import short_repr
 from smsid._statistics import NORMAL95
 from smsid.arm.regression import correlation_lags
-from smsid.diagnose.result import Diagnosis, FoundCause, Remaining, Value
+from smsid.diagnose.result import Diagnosis, FoundCause, SignificantTest, Value
 from smsid.diagnose.verdict import describe
 from smsid.identify.estimate import Estimate
 from smsid.lab.tank import COUNTS, Model, TankFit, TankTest, fit_tank
@@ -106,7 +106,9 @@ def tank_diagnosis(test: TankTest, compared: TankComparison, recording: str) -> 
     quiet = fit.quiet(test)
     remaining = ()
     if fit.ring_down > ABOVE * quiet:
-        remaining = (Remaining("force while ringing down", "time", (fit.ring_down / quiet) ** 2, 1, 0.0),)
+        remaining = (
+            SignificantTest("force while ringing down", "time", (fit.ring_down / quiet) ** 2, 1, 0.0),
+        )
     words = "; ".join(describe(c) for c in causes)
     left = (
         f"{fit.ring_down:.3g} N are left ringing down, {fit.moving:.3g} N while moving; "

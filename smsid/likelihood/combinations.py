@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.identify.momentum_rows import Split, carried_matrix, first_moments, skew
+from smsid.identify.momentum_rows import ParameterSplit, carried_matrix, first_moments, skew
 from smsid.identify.paper.exp2_result import kind_of
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
@@ -67,7 +67,7 @@ def inertial(
     model = at.layout.model
     regressor = Regressor(model)
     theta, jacobian = at.theta(), at.theta_jacobian()
-    parts = Split.of(model, regressor, bus_first=True)
+    parts = ParameterSplit.of(model, regressor, bus_first=True)
     bus = regressor.names.index(f"{regressor.bodies[0]}.m")
     total = float(theta[::SIZE].sum())
     rows, spins, known = [], [], []

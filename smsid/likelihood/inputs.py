@@ -14,8 +14,8 @@ from smsid.identify.clocks import event_times
 from smsid.identify.commanded import actual_thrust, excited_axes
 from smsid.identify.robust import white_sigma
 from smsid.identify.sensor_roles import Roles
-from smsid.identify.stationary_joints import Still, resting_value
-from smsid.likelihood.spline import MeasuredMotion, Samples, fit_motion
+from smsid.identify.stationary_joints import StationaryJoints, resting_value
+from smsid.likelihood.spline import DerivativeSamples, MeasuredMotion, fit_motion
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -109,7 +109,7 @@ def measured_drive(
     if held:
         return Drive(free, home, True, thrust, None, None)
     joints, wheels = None, None
-    still, moving = Still.of(model, recording), Roles.of(model, recording, joints=True)
+    still, moving = StationaryJoints.of(model, recording), Roles.of(model, recording, joints=True)
     rate = _rate(recording, roles.imu)
     if len(model.arm_joints):
         assert moving.encoder is not None
@@ -127,7 +127,7 @@ def measured_drive(
     return Drive(free, home, False, thrust, joints, wheels)
 
 
-def _check_covered(sample: Samples, start: float, stop: float, longest: float) -> None:
+def _check_covered(sample: DerivativeSamples, start: float, stop: float, longest: float) -> None:
     """Refuse wheels whose motion is not known: nothing else tells what they did."""
     known = sample.times[np.isfinite(sample.values).all(axis=1)]
     edges = np.concatenate([[start], known, [stop]])
@@ -146,7 +146,9 @@ def _rate(recording: Recording, imu: Sensor) -> float:
     return 1.0 / float(np.median(np.diff(recording.time(f"{imu.name}.angular_rate"))))
 
 
-def _samples(recording: Recording, sensor: Sensor, quantity: str, order: int, described: bool) -> Samples:
+def _samples(
+    recording: Recording, sensor: Sensor, quantity: str, order: int, described: bool
+) -> DerivativeSamples:
     values = recording[f"{sensor.name}.{quantity}"]
     if described:
         sigma = np.broadcast_to(sensor.error(quantity).white_sigma(sensor.rate), values.shape[1:])
@@ -154,10 +156,12 @@ def _samples(recording: Recording, sensor: Sensor, quantity: str, order: int, de
         sigma = np.asarray(white_sigma(values[np.isfinite(values).all(axis=1)]))
     # noise-free data, or a quantised channel that stands still: what is left of it is rounding
     floor = 1e-9 * np.maximum(np.nanmax(np.abs(values), axis=0), 1e-6)
-    return Samples(order, event_times(recording, sensor, quantity), values, np.maximum(sigma, floor))
+    return DerivativeSamples(
+        order, event_times(recording, sensor, quantity), values, np.maximum(sigma, floor)
+    )
 
 
-def _quieted(samples: Samples, quantity: str, still: Sequence[int]) -> Samples:
+def _quieted(samples: DerivativeSamples, quantity: str, still: Sequence[int]) -> DerivativeSamples:
     """Return the samples with little left of the noise of what stands still: it is held, and known to be."""
     if not still:
         return samples

@@ -15,8 +15,8 @@ from scipy.linalg import solveh_banded
 
 from smsid.likelihood.spline import (
     DEGREE,
+    DerivativeSamples,
     MeasuredMotion,
-    Samples,
     along,
     bands,
     basis_sums,
@@ -85,7 +85,7 @@ def refit_coefficients(motion: MeasuredMotion, clock: np.ndarray) -> np.ndarray:
     return motion.coefficients + np.column_stack([solveh_banded(a, b, lower=True) for a, b in pairs])
 
 
-def _happened(s: Samples, clock: np.ndarray, start: float) -> np.ndarray:
+def _happened(s: DerivativeSamples, clock: np.ndarray, start: float) -> np.ndarray:
     return s.times - clock[0] - clock[1] * (s.times - start)
 
 

@@ -17,7 +17,7 @@ from smsid.identify.estimate import Estimate, distinct
 from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import Identification
 from smsid.identify.sensor_correction import without_known_errors
-from smsid.identify.stationary_joints import Still, taken_away
+from smsid.identify.stationary_joints import StationaryJoints, taken_away
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit, history_of
@@ -269,20 +269,22 @@ def prior_shares(normal: Normal, jacobian: np.ndarray, covariance: np.ndarray) -
 RESTING = 1e-7  # [rad/s] by which a held rate may vary: little of its noise was left (`measured_drive`)
 
 
-def held_joints(at: Parameters, predictions: Sequence[Prediction]) -> Still:
+def held_joints(at: Parameters, predictions: Sequence[Prediction]) -> StationaryJoints:
     """Return the joints and wheels that are held in all of the motions."""
     if not predictions:
-        return Still()
+        return StationaryJoints()
     model = at.layout.model
 
     def constant(columns: np.ndarray) -> tuple[int, ...]:
         spread = [np.ptp(p.v[:, columns], axis=0) for p in predictions]
         return tuple(np.flatnonzero(np.max(spread, axis=0) < RESTING).tolist())
 
-    return Still(constant(model.arm_joints.v), constant(model.wheels.v))
+    return StationaryJoints(constant(model.arm_joints.v), constant(model.wheels.v))
 
 
-def not_seen(at: Parameters, described: Parameters, still: Still, base: BaseParameters) -> list[Combination]:
+def not_seen(
+    at: Parameters, described: Parameters, still: StationaryJoints, base: BaseParameters
+) -> list[Combination]:
     """Return what is not among the ``base`` because joints stand still: the prior alone knows it."""
     model, theta, jacobian = at.layout.model, at.theta(), at.theta_jacobian()
     full = np.eye(len(theta)) + carried_matrix(at.layout.model, Regressor(model))

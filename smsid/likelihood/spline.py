@@ -29,7 +29,7 @@ WINDOW = DEGREE + 2  # functions that act somewhere in a stretch no longer than 
 
 
 @dataclass(frozen=True)
-class Samples:
+class DerivativeSamples:
     """Measurements of one derivative (0: angle, 1: rate): times (N,) [s], values (N, k), sigma (k,)."""
 
     derivative: int
@@ -37,7 +37,7 @@ class Samples:
     values: np.ndarray
     sigma: np.ndarray
 
-    def only(self, kept: np.ndarray | slice) -> Samples:
+    def only(self, kept: np.ndarray | slice) -> DerivativeSamples:
         """Return some of the samples (N,)."""
         return replace(self, times=self.times[kept], values=self.values[kept])
 
@@ -59,7 +59,7 @@ class MeasuredMotion:
     angle_density: np.ndarray
     rate_density: np.ndarray
     information: np.ndarray
-    samples: tuple[Samples, ...] = ()
+    samples: tuple[DerivativeSamples, ...] = ()
     sensor: str = ""
     clock: tuple[float, float] = (0.0, 0.0)
     rate: float = 1.0
@@ -150,7 +150,12 @@ class MeasuredMotion:
 
 
 def fit_motion(
-    samples: list[Samples], start: float, stop: float, rate: float, shortest: float, sensor: str = ""
+    samples: list[DerivativeSamples],
+    start: float,
+    stop: float,
+    rate: float,
+    shortest: float,
+    sensor: str = "",
 ) -> MeasuredMotion:
     """Fit a motion between start and stop [s]; ``rate`` [Hz] is that of the densities.
 
@@ -176,7 +181,7 @@ def fit_motion(
     return replace(fitted.motion(rate), samples=tuple(samples), sensor=sensor)
 
 
-def _best(samples: list[Samples], start: float, stop: float, shortest: float) -> _Fitted:
+def _best(samples: list[DerivativeSamples], start: float, stop: float, shortest: float) -> _Fitted:
     best: tuple[float, int] | None = None
     intervals, worse = 4, 0
     stretches = _stretches(samples, start, stop)
@@ -194,7 +199,9 @@ def _best(samples: list[Samples], start: float, stop: float, shortest: float) ->
     return _Fitted.of(samples, start, stop, int(best[1] * (stop - start) / length + SLACK))
 
 
-def _stretches(samples: list[Samples], start: float, stop: float) -> list[tuple[list[Samples], float, float]]:
+def _stretches(
+    samples: list[DerivativeSamples], start: float, stop: float
+) -> list[tuple[list[DerivativeSamples], float, float]]:
     """The whole; of a long record stretches of one length, spread over it, and where most moves."""
     count = int(max(len(s.times) for s in samples) / ENOUGH)
     if count < 2 * LOOKS:
@@ -226,7 +233,7 @@ class _Fitted:
     score: float
 
     @classmethod
-    def of(cls, samples: list[Samples], start: float, stop: float, intervals: int) -> _Fitted:
+    def of(cls, samples: list[DerivativeSamples], start: float, stop: float, intervals: int) -> _Fitted:
         knots = _knots(start, stop, intervals)
         size, width = intervals + DEGREE, samples[0].values.shape[1]
         sums = [basis_sums(s.times, knots, s.derivative, s.values) for s in samples]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from smsid.description.schema import Description
-from smsid.diagnose.diagnose import RATE, Diagnosed
+from smsid.diagnose.diagnose import RATE, DiagnosisRun
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import FoundCause, Value
 from smsid.estimation.parameter_vector import Point
@@ -42,7 +42,7 @@ class DemoCraft:
     estimation: Recording
     validation: Recording
     estimate: Estimate
-    found: Diagnosed
+    found: DiagnosisRun
     extended: Description
     engine: str
     hidden: Mapping[str, Any]

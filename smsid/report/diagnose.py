@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from smsid.description.schema import Description
-from smsid.diagnose.diagnose import RATE, Diagnosed
+from smsid.diagnose.diagnose import RATE, DiagnosisRun
 from smsid.diagnose.priors import nominal
-from smsid.diagnose.result import Diagnosis, Remaining
+from smsid.diagnose.result import Diagnosis, SignificantTest
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.identify.estimate import Estimate
@@ -52,7 +52,7 @@ class ReportInputs:
 
 
 def diagnose_report(
-    found: Diagnosed, asked: ReportInputs, origin: Provenance, shares: Shares | None = None
+    found: DiagnosisRun, asked: ReportInputs, origin: Provenance, shares: Shares | None = None
 ) -> Report:
     """Return the report of a diagnosis; what was not evaluated is said to be so.
 
@@ -87,7 +87,7 @@ def diagnose_report(
     return Report(title, d.description, verdict, TONES[d.verdict], sections, origin, _glance(d))
 
 
-def story_sections(found: Diagnosed, asked: ReportInputs) -> tuple[list[Section], OpenLoop | None]:
+def story_sections(found: DiagnosisRun, asked: ReportInputs) -> tuple[list[Section], OpenLoop | None]:
     """Return measured against simulated, before and after, on a held-out recording if there is one.
 
     And what it is made from: the held-out recording as the models simulate it.
@@ -133,7 +133,7 @@ def causes_section(d: Diagnosis) -> Section:
     return Section("causes", "Causes", tables, f"{len(d.causes)} named" if d.causes else "none named")
 
 
-def map_section(tests: Mapping[str, Sequence[Remaining]], level: float) -> list[Section]:
+def map_section(tests: Mapping[str, Sequence[SignificantTest]], level: float) -> list[Section]:
     """Return the maps of equation by dependence, before any cause and with the causes; none without tests."""
     before, after = tests.get("nominal", ()), tests.get("extended", ())
     if not before:
@@ -183,7 +183,7 @@ def search_sections(search: Search, asked: ReportInputs) -> list[Section]:
     return out
 
 
-def _gain_section(found: Diagnosed, asked: ReportInputs, loop: OpenLoop | None) -> Section:
+def _gain_section(found: DiagnosisRun, asked: ReportInputs, loop: OpenLoop | None) -> Section:
     d, title = found.diagnosis, "Gain on held-out data"
     if d.gain is None:
         reason = d.gain_reason or "no validation recording was given"

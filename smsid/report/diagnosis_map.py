@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from scipy.stats import chi2
 
-from smsid.diagnose.result import Remaining
+from smsid.diagnose.result import SignificantTest
 from smsid.report.heat import HeatCell, HeatMap, step_of
 from smsid.report.model import Figure
 from smsid.report.numbers import number
@@ -46,10 +46,10 @@ class MapCell:
     freedom: int
 
 
-At = TypeVar("At", Remaining, MapCell)
+At = TypeVar("At", SignificantTest, MapCell)
 
 
-def evidence(test: Remaining, tests: int) -> float:
+def evidence(test: SignificantTest, tests: int) -> float:
     """Return minus the decimal logarithm of a test's p-value, corrected for ``tests``; zero at least."""
     if not test.freedom:
         return 0.0
@@ -57,7 +57,7 @@ def evidence(test: Remaining, tests: int) -> float:
 
 
 def diagnosis_map(
-    name: str, title: str, tests: Iterable[Remaining], *, level: float = LEVEL, caption: str = ""
+    name: str, title: str, tests: Iterable[SignificantTest], *, level: float = LEVEL, caption: str = ""
 ) -> Figure | None:
     """Return the map of all generic tests, or ``None`` when there are none.
 
@@ -124,7 +124,7 @@ def _natural(text: str) -> list[object]:
     return [int(x) if x.isdigit() else x for x in re.split(r"(\d+)", text)]
 
 
-def _cell(test: Remaining | None, tests: int, limit: float) -> HeatCell:
+def _cell(test: SignificantTest | None, tests: int, limit: float) -> HeatCell:
     if test is None:
         return HeatCell()
     strength = evidence(test, tests)

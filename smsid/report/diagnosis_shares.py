@@ -13,7 +13,7 @@ from smsid.diagnose.score_test import Candidate, Score, changes_of, correlation,
 from smsid.diagnose.specification_tests import PAST, adequacy
 from smsid.diagnose.stepwise import Search
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import Fit, Prior, evaluate
+from smsid.estimation.map_estimate import MapFit, Prior, evaluate
 from smsid.estimation.sensitivities import propagate
 from smsid.report.axes import Axis, ticks_of
 from smsid.report.diagnosis_map import MapCell, column_of, row_of, strongest_by_place
@@ -209,7 +209,7 @@ def shares_of(search: Search) -> Shares | None:
     )
 
 
-def without_causes(search: Search) -> Fit | None:
+def without_causes(search: Search) -> MapFit | None:
     """Return the last fit with only nominal parameters free and what the causes do as its residual.
 
     ``None`` without causes, and where their part cannot be told.
@@ -231,7 +231,7 @@ def without_causes(search: Search) -> Fit | None:
     return replace(base, run=run, prior=Prior(-part[count:], base.prior.rows))
 
 
-def _contribution(search: Search, base: Fit, cause: Cause) -> np.ndarray:
+def _contribution(search: Search, base: MapFit, cause: Cause) -> np.ndarray:
     """What a cause does to the innovations and priors (N rows + priors,), nominal ones projected out."""
     candidate = cause.score.candidate
     columns = propagate(base.run, changes_of(base, candidate)).reshape(-1, len(candidate.free))
@@ -246,7 +246,7 @@ def _contribution(search: Search, base: Fit, cause: Cause) -> np.ndarray:
     return base.left(columns @ np.array(size)[:, None])[:, 0]
 
 
-def _candidate_shares(search: Search, found: Fit, total: float) -> tuple[CandidateShare, ...]:
+def _candidate_shares(search: Search, found: MapFit, total: float) -> tuple[CandidateShare, ...]:
     known: dict[tuple[str, str, str], Candidate] = {}
     for s in (*(c.score for c in search.causes), *search.scores):
         known.setdefault(s.candidate.key, s.candidate)

@@ -12,7 +12,7 @@ from smsid._listing import some_of
 from smsid.description.schema import Description
 from smsid.errors import SmsidError
 from smsid.estimation.fit_quality import ChannelFit
-from smsid.estimation.identify import Identified
+from smsid.estimation.identify import IdentificationRun
 from smsid.identify.estimate import Estimate, Iteration
 from smsid.identify.estimate_text import asked_for
 from smsid.identify.paper.pipeline import Identification
@@ -212,7 +212,7 @@ def _iteration_axis(count: int) -> Axis:
 FIT_TONES: dict[str, Tone] = {"explained": "good", "roughly": "warn", "not explained": "bad"}
 
 
-def flights_report(description: Description, found: Identified, origin: Provenance) -> Report:
+def flights_report(description: Description, found: IdentificationRun, origin: Provenance) -> Report:
     """Return the report of an identification that a filter made.
 
     Args:

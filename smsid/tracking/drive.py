@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from smsid.estimation.filter_pass import Applied
+from smsid.estimation.filter_pass import AppliedForces
 from smsid.estimation.input_hold import COMMANDS, limits, means, unevenness
 from smsid.estimation.process_model import ProcessModel
 from smsid.inputs.signals import Constant, Sampled, Signal
@@ -17,7 +17,7 @@ from smsid.simulate import Inputs
 MEMORY = 2.0  # [s] of commands that are remembered: more than any delay
 
 
-def applied_forces(plant: ProcessModel, inputs: Inputs, edges: np.ndarray, substep: float) -> Applied:
+def applied_forces(plant: ProcessModel, inputs: Inputs, edges: np.ndarray, substep: float) -> AppliedForces:
     """Return the applied generalised forces between edges (n + 1,) [s] and at them, in substeps."""
     signal = plant.applied(inputs)
     widths = np.diff(edges)
@@ -25,13 +25,13 @@ def applied_forces(plant: ProcessModel, inputs: Inputs, edges: np.ndarray, subst
     n += n % 2  # the middle of an interval is an end of a step
     if not len(widths):
         nothing = np.zeros((0, n, plant.nv))
-        return Applied(nothing, nothing[:, 0], limits(signal, edges, "right"), nothing)
+        return AppliedForces(nothing, nothing[:, 0], limits(signal, edges, "right"), nothing)
     parts = np.linspace(0.0, 1.0, n + 1)[:-1]
     fine = np.append((edges[:-1, None] + widths[:, None] * parts).ravel(), edges[-1])
     shape = (len(widths), n, plant.nv)
     mean = means(signal, fine).reshape(shape)
     rise = -6.0 * unevenness(signal, fine) / np.diff(fine)[:, None] ** 2
-    return Applied(mean, mean.mean(axis=1), limits(signal, edges, "right"), rise.reshape(shape))
+    return AppliedForces(mean, mean.mean(axis=1), limits(signal, edges, "right"), rise.reshape(shape))
 
 
 class CommandMemory:

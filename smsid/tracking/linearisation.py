@@ -13,7 +13,7 @@ from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.estimation.bias_walk import unit_bias
 from smsid.estimation.compiled_filter import Change, effect_tables, inertial_tables, with_parameters
 from smsid.estimation.filter_pass import CLOSE, Instance, Moment
-from smsid.estimation.measurements import Measured
+from smsid.estimation.measurements import Measurements
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import DIFFERENCE
 from smsid.kernel.filter_arrays import Drive
@@ -41,7 +41,7 @@ class Linearisation:
         origin: Point,
         followed: Sequence[Followed],
         values: np.ndarray,
-        layout: Measured,
+        layout: Measurements,
         locked: np.ndarray,
         before: Linearisation | None = None,
         sigmas: np.ndarray | float = 0.0,
@@ -73,10 +73,10 @@ class Linearisation:
             bodies = inertial_tables(self.base, self._columns, self._inertial, self.scales[self._inertial])
             effects = effect_tables(self.differences)
             self._tables = None if bodies is None or effects is None else (bodies, effects)
-        self.compiled = None
+        self.compiled_tables = None
         if self._tables is not None:
             pushed = [d.index for d in self.differences if d.drives]
-            self.compiled = with_parameters(
+            self.compiled_tables = with_parameters(
                 self.base,
                 self._tables,
                 self.scales,
@@ -105,7 +105,7 @@ class Linearisation:
         """Whether how commands act depends on a parameter."""
         return any(d.drives for d in self.differences)
 
-    def _difference(self, i: int, layout: Measured, locked: np.ndarray) -> Difference:
+    def _difference(self, i: int, layout: Measurements, locked: np.ndarray) -> Difference:
         u = self.unknowns[i]
         ends = []
         for sign in (-1.0, 1.0):
@@ -122,7 +122,7 @@ class Linearisation:
             drives = type(effect).drive is not Effect.drive
         return Difference(i, low, high, u.scale / (more - less), drives, _reads(low, high))
 
-    def _bias_columns(self, layout: Measured) -> np.ndarray:
+    def _bias_columns(self, layout: Measurements) -> np.ndarray:
         """Return how readings change with biases (rows, m), per scale."""
         out = np.zeros((layout.rows, len(self.unknowns)))
         for i, u in enumerate(self.unknowns):

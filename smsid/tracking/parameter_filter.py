@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from smsid.errors import SmsidError
 from smsid.estimation.filter_pass import filter_samples, reference, shift
-from smsid.estimation.measurements import Measured
+from smsid.estimation.measurements import Measurements
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Belief, Timing, UnknownInput, walks_of
+from smsid.estimation.problem import Belief, CommandTiming, UnknownInput, walks_of
 from smsid.kernel.filter_arrays import Drive, Record, Samples, State
 from smsid.simulate import Inputs
 from smsid.tracking.followed_parameters import Followed
@@ -40,10 +40,10 @@ class ParameterFilter:
 
     origin: Point
     followed: tuple[Followed, ...]
-    layout: Measured
+    layout: Measurements
     locked: np.ndarray
     unknown_inputs: Sequence[UnknownInput]
-    timing: Timing
+    timing: CommandTiming
     input_noise: np.ndarray
     time: float
     q: np.ndarray
@@ -252,7 +252,7 @@ class ParameterFilter:
         now = self._state()
         there, rows = np.isfinite(values), np.arange(values.shape[1])
         samples = Samples(edges, values, attitudes, there, self._variance, len(edges), rows)
-        record = filter_samples(self.at.base, self.at, self.at.compiled, drive, now, samples)
+        record = filter_samples(self.at.base, self.at, self.at.compiled_tables, drive, now, samples)
         self._take(now)
         self.time, self.last = float(edges[-1]), (edges, drive, values, attitudes, self.commanded)
         if self.begun is not None:

@@ -44,7 +44,7 @@ class EventLog:
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class MomentEvents:
     """What came of one moment [s], by channel."""
 
     time: float
@@ -65,7 +65,7 @@ class SampleBuffer:
     lateness: float
     log: EventLog
     silence: float = np.inf
-    waiting: list[Entry] = field(default_factory=list)
+    waiting: list[MomentEvents] = field(default_factory=list)
     passed: float = -np.inf
     read: set[str] = field(default_factory=set)
     newest: float = -np.inf
@@ -99,7 +99,7 @@ class SampleBuffer:
                     else:
                         entry.channels[channel] = value
                 return
-        self.waiting.insert(i, Entry(time, own))
+        self.waiting.insert(i, MomentEvents(time, own))
 
     @property
     def _doubtful(self) -> bool:
@@ -107,7 +107,7 @@ class SampleBuffer:
         before = self.waiting[-2].time if len(self.waiting) > 1 else self.passed
         return bool(self.waiting) and np.isfinite(before) and self.waiting[-1].time > before + self.silence
 
-    def ready(self, *, everything: bool = False) -> list[Entry]:
+    def ready(self, *, everything: bool = False) -> list[MomentEvents]:
         """Hand out the moments whose time has come, or everything."""
         sure = self.waiting[: len(self.waiting) - self._doubtful]
         self.newest = max(self.newest, sure[-1].time) if sure else self.newest

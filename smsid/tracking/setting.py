@@ -10,11 +10,11 @@ import numpy as np
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.flight import Flight, longest_step
-from smsid.estimation.gaps import bridged
+from smsid.estimation.gaps import bridge_length
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING
-from smsid.estimation.measurements import ChannelSlice, Measured, _block, component_labels, stated_noise
-from smsid.estimation.problem import Noise, UnknownInput
+from smsid.estimation.measurements import ChannelSlice, Measurements, _block, component_labels, stated_noise
+from smsid.estimation.problem import ProcessNoise, UnknownInput
 from smsid.model.spacecraft import SpacecraftModel
 
 
@@ -27,14 +27,14 @@ class Setting:
     nobody records. Commands are ``held`` until the next one, or vary linearly in between. Samples may come
     late by ``lateness`` [s]. After a silence of ``silence`` [s] the motion is begun anew from what is read
     then; what is known of the parameters stays. Where forces are unknown it is shorter
-    (`smsid.estimation.gaps.bridged`).
+    (`smsid.estimation.gaps.bridge_length`).
     """
 
     channels: tuple[str, ...]
     sigma: tuple[float, ...]
     locked: tuple[int, ...] = ()
     unknown_inputs: tuple[UnknownInput, ...] = ()
-    noise: Noise = field(default_factory=Noise)
+    noise: ProcessNoise = field(default_factory=ProcessNoise)
     hold: Literal["held", "linear"] = "held"
     longest: float = 0.1
     substep: float = 0.025
@@ -95,7 +95,7 @@ class Setting:
     def of_flight(cls, flight: Flight, *, lateness: float = 0.0, silence: float = 10.0) -> Setting:
         """Return the setting of a recording that was made ready for identification."""
         problem = flight.problem
-        silence = min(silence, bridged(problem))
+        silence = min(silence, bridge_length(problem))
         return cls(
             tuple(b.channel for b in problem.data.blocks),
             tuple(problem.data.sigma.tolist()),
@@ -109,7 +109,7 @@ class Setting:
             silence,
         )
 
-    def layout(self, model: SpacecraftModel, description: Description) -> Measured:
+    def layout(self, model: SpacecraftModel, description: Description) -> Measurements:
         """Return the channels as a filter needs them, without samples."""
         sensors = {s.name: s for s in description.effective_sensors()}
         blocks: list[ChannelSlice] = []
@@ -124,7 +124,7 @@ class Setting:
             names = tuple(f"{channel}[{x}]" for x in labels)
             stations = width // 3 if sensor.kind == "accelerometers" else 1
             blocks.append(_block(sensor, quantity, rows, stations, names))
-        return Measured(np.zeros(0), np.zeros((0, start)), {}, tuple(blocks), np.array(self.sigma))
+        return Measurements(np.zeros(0), np.zeros((0, start)), {}, tuple(blocks), np.array(self.sigma))
 
     def with_motion(self, other: Setting) -> Setting:
         """Return the setting with joints driven as in another one, lateness as here, the shorter silence."""

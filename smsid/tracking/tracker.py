@@ -15,7 +15,7 @@ from smsid.estimation.kalman import _input_covariance
 from smsid.estimation.measurements import TOGETHER
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Belief, Problem, Timing
+from smsid.estimation.problem import Belief, CommandTiming, Problem
 from smsid.identify.estimate import Estimate
 from smsid.kernel.filter_arrays import Record
 from smsid.likelihood.prior import Cad
@@ -29,7 +29,7 @@ from smsid.tracking.linearisation import point_at
 from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.prediction import Prediction, covariance_in_units, filled, predict
 from smsid.tracking.sample import Sample
-from smsid.tracking.sample_buffer import Entry, EventLog, SampleBuffer
+from smsid.tracking.sample_buffer import EventLog, MomentEvents, SampleBuffer
 from smsid.tracking.setting import Setting
 from smsid.tracking.update import TrackedState, Update
 
@@ -95,7 +95,7 @@ class Tracker:
         m, k = len(scales), len(setting.unknown_inputs)
         covariance = np.zeros((2 * model.nv + k + m,) * 2)
         covariance[-m:, -m:] = start.covariance / np.outer(scales, scales)
-        timing, unknown = Timing(setting.hold), setting.unknown_inputs
+        timing, unknown = CommandTiming(setting.hold), setting.unknown_inputs
         problem = Problem(_NOTHING, layout, locked, timing, setting.noise, unknown_inputs=unknown)
         noise, home = _input_covariance(model, problem), model.home.copy()
         self.filter = ParameterFilter(
@@ -109,7 +109,7 @@ class Tracker:
         self._first = np.inf  # when the first motion began [s]
         self._looks = -np.inf  # when models may be built anew next [s]
         self.samples = 0
-        self._settling: list[Entry] = []
+        self._settling: list[MomentEvents] = []
         self._before: np.ndarray | None = None
         self._unknown_channels: set[str] = set()
         self._row_names = layout.names
@@ -251,7 +251,7 @@ class Tracker:
             self.buffer.add(sample.time, known)
 
     def _take_in(
-        self, entries: list[Entry], inputs: Inputs | None, *, final: bool = False
+        self, entries: list[MomentEvents], inputs: Inputs | None, *, final: bool = False
     ) -> tuple[Update, ...]:
         out: list[Update] = []
         for first in range(0, len(entries), CHUNK):
@@ -260,7 +260,7 @@ class Tracker:
             out += self._settle(inputs, force=True)
         return tuple(out)
 
-    def _chunk(self, entries: list[Entry], inputs: Inputs | None) -> list[Update]:
+    def _chunk(self, entries: list[MomentEvents], inputs: Inputs | None) -> list[Update]:
         out: list[Update] = []
         for entry in entries:
             self.commands.add(entry.time, entry.channels)
@@ -305,7 +305,7 @@ class Tracker:
         self.begin(belief, own[0].time)
         return self._go_on(own, inputs)
 
-    def _go_on(self, entries: list[Entry], inputs: Inputs | None) -> list[Update]:
+    def _go_on(self, entries: list[MomentEvents], inputs: Inputs | None) -> list[Update]:
         """Take in moments without a silence in between."""
         if not entries:
             return []
@@ -376,7 +376,7 @@ class Tracker:
         f.linearise_at(f.values, f.sigmas())
         self.moving, self._settling = False, []
 
-    def _stack(self, entry: Entry, values: np.ndarray, attitudes: np.ndarray) -> None:
+    def _stack(self, entry: MomentEvents, values: np.ndarray, attitudes: np.ndarray) -> None:
         """Write the readings of a moment (rows,), and its attitudes (a, 4); what is not there stays."""
         for block in self.filter.layout.blocks:
             value = entry.channels.get(block.channel)

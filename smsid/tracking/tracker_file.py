@@ -21,7 +21,7 @@ from smsid.errors import RecordingError
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.problem import Noise, UnknownInput
+from smsid.estimation.problem import ProcessNoise, UnknownInput
 from smsid.inputs.signals import Constant, Sampled, Signal
 from smsid.kernel.filter_arrays import Drive
 from smsid.simulate import Inputs
@@ -30,7 +30,7 @@ from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import Followed, StartingPoint
 from smsid.tracking.linearisation import Linearisation
 from smsid.tracking.parameter_filter import ParameterFilter
-from smsid.tracking.sample_buffer import Entry, Event
+from smsid.tracking.sample_buffer import Event, MomentEvents
 from smsid.tracking.setting import Setting
 from smsid.tracking.tracker import Tracker
 
@@ -265,7 +265,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, np.nd
     return document, arrays
 
 
-def _entries(entries: list[Entry], prefix: str, arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+def _entries(entries: list[MomentEvents], prefix: str, arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     out = []
     for i, entry in enumerate(entries):
         for channel, value in entry.channels.items():
@@ -274,9 +274,10 @@ def _entries(entries: list[Entry], prefix: str, arrays: dict[str, np.ndarray]) -
     return out
 
 
-def _restored(table: list[dict[str, Any]], prefix: str, arrays: dict[str, np.ndarray]) -> list[Entry]:
+def _restored(table: list[dict[str, Any]], prefix: str, arrays: dict[str, np.ndarray]) -> list[MomentEvents]:
     return [
-        Entry(e["time"], {c: arrays[f"{prefix}{i}:{c}"] for c in e["channels"]}) for i, e in enumerate(table)
+        MomentEvents(e["time"], {c: arrays[f"{prefix}{i}:{c}"] for c in e["channels"]})
+        for i, e in enumerate(table)
     ]
 
 
@@ -286,7 +287,7 @@ def _setting(table: dict[str, Any]) -> Setting:
     own["unknown_inputs"] = tuple(UnknownInput(**u) for u in own["unknown_inputs"])
     noise = dict(own["noise"])
     noise["hidden"], noise["more"] = tuple(noise["hidden"]), tuple(tuple(x) for x in noise["more"])
-    own["noise"] = Noise(**noise)
+    own["noise"] = ProcessNoise(**noise)
     initial = dict(own["initial"])
     initial["hidden"] = tuple(initial["hidden"])
     initial["by_name"] = {k: tuple(v) for k, v in initial["by_name"].items()}

@@ -13,7 +13,7 @@ from smsid.estimation.flight import Flight
 from smsid.estimation.flight_search import search_flights
 from smsid.estimation.loosening import thinned
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Timing
+from smsid.estimation.problem import CommandTiming
 from smsid.tracking.followed_parameters import Followed
 from smsid.tracking.tracker import Tracker
 
@@ -22,7 +22,7 @@ LOGGER = logging.getLogger(__name__)
 
 def linearise_by_search(
     tracker: Tracker, described: Point, flight: Flight, seconds: float
-) -> tuple[tuple[Timing, float], list[str]]:
+) -> tuple[tuple[CommandTiming, float], list[str]]:
     """Linearise a tracker about the most likely parameters of a flight's first seconds.
 
     Returns how commands act by that and the steps that it takes [s], and notes. Only the point of

@@ -7,7 +7,7 @@ from smsid.description import load_description
 from smsid.diagnose.priors import nominal
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.paths import urdf_folder
@@ -44,7 +44,7 @@ def known(description):
 @pytest.fixture(scope="package")
 def problem(known, recording):
     data = measurements_of(known.point.base, recording, description_sensors(known))
-    return Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    return Problem(recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), ProcessNoise())
 
 
 def description_sensors(known):
@@ -54,7 +54,7 @@ def description_sensors(known):
 @pytest.fixture(scope="package")
 def calm(problem):
     """Slosh and modes start at rest, and that is known."""
-    return replace(problem, noise=Noise(hidden=(1e-9, 1e-9)))
+    return replace(problem, noise=ProcessNoise(hidden=(1e-9, 1e-9)))
 
 
 @pytest.fixture(scope="package")

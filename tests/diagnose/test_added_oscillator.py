@@ -9,7 +9,7 @@ from smsid.diagnose.added_oscillator import (
     LEAST,
     STEP,
     AddedOscillatorHypothesis,
-    Oscillating,
+    OscillatorHypothesis,
     _forces,
     oscillator_responses,
 )
@@ -118,7 +118,7 @@ def test_a_place_is_no_further_off_than_its_prior_lets_it_be():
     truth = np.concatenate([[mass], mass * place / STEP])
     data = columns @ truth * 0.004
     gram, slope, raw = columns.T @ columns, columns.T @ data, np.sum(columns**2, axis=0)
-    tank = Oscillating(
+    tank = OscillatorHypothesis(
         "slosh",
         "bus",
         "slosh",

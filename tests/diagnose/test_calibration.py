@@ -15,8 +15,8 @@ from smsid.diagnose.score_test import Candidate, Score, correlation, least_squar
 from smsid.diagnose.specification_tests import SpecificationTest, adequacy, whiteness
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects import JointFriction
-from smsid.estimation.map_estimate import Fit
-from smsid.estimation.problem import Noise
+from smsid.estimation.map_estimate import MapFit
+from smsid.estimation.problem import ProcessNoise
 from smsid.estimation.sensitivities import Sensitivity
 
 from .test_backward_elimination import cause, fitted
@@ -107,7 +107,7 @@ def test_correlation_in_time_is_found_as_often_as_by_chance():
     n, rows = 1000, DRAWS
     run = SimpleNamespace(innovations=rng.standard_normal((n, rows)), used=np.ones((n, rows), dtype=bool))
     names = tuple(f"row{k}" for k in range(rows))
-    problem = SimpleNamespace(data=SimpleNamespace(names=names), noise=Noise())
+    problem = SimpleNamespace(data=SimpleNamespace(names=names), noise=ProcessNoise())
     found = whiteness(SimpleNamespace(run=run, problem=problem))
     assert np.mean([b.ratio for b in found]) == pytest.approx(
         blocks.LAGS, abs=4 * np.sqrt(2 * blocks.LAGS / rows)
@@ -121,8 +121,8 @@ def test_generic_tests_have_the_size_they_say(monkeypatch):
     columns = rng.standard_normal((rows, tests * each))
     fit = stub(rng, rows, 2, np.ones(2))
     fit.residual[rows:] = rng.standard_normal(2)
-    fit.run, fit.left = None, lambda c: Fit.left(fit, c)
-    fit.problem = SimpleNamespace(noise=Noise())
+    fit.run, fit.left = None, lambda c: MapFit.left(fit, c)
+    fit.problem = SimpleNamespace(noise=ProcessNoise())
     named = [("imu.angular_rate", "rate", [Sensitivity()] * each)] * tests
     for part in ("equations_of", "whiteness"):
         monkeypatch.setattr(f"smsid.diagnose.specification_tests.{part}", lambda found: [])

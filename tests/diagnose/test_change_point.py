@@ -223,7 +223,7 @@ def test_one_start_is_paid_for_once(fitted, monkeypatch):
 
     monkeypatch.setattr(onset, "evaluate", dearer)
     monkeypatch.setattr(onset, "within_reach", lambda found: found.objective)
-    monkeypatch.setattr(onset, "continued", lambda found, **_: found)
+    monkeypatch.setattr(onset, "continue_fit", lambda found, **_: found)
     kept, same = always_together(with_it, late, ALIAS)
     assert kept == late and same is with_it
 

@@ -12,7 +12,7 @@ from smsid.diagnose.score_test import scored, signatures
 from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
@@ -38,7 +38,9 @@ def paired(known, truth, kinds):
     data = measurements_of(known.point.base, recording, known.point.description.effective_sensors()).thinned(
         25.0
     )
-    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    problem = Problem(
+        recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), ProcessNoise()
+    )
     candidates = [c for c in propose(known.point, problem, known.unknowns) if c.kind in kinds]
     return fit(known.point, known.unknowns, problem), candidates
 
@@ -127,7 +129,9 @@ def leaking(description, known):
     data = measurements_of(known.point.base, recording, known.point.description.effective_sensors()).thinned(
         25.0
     )
-    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    problem = Problem(
+        recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), ProcessNoise()
+    )
     keys = [("mass_loss", "bus", "mass loss"), (*FRICTION, "coulomb")]
     candidates = [c for c in propose(known.point, problem, known.unknowns) if c.key in keys]
     return fit(known.point, known.unknowns[:3], problem), candidates

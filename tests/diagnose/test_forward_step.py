@@ -10,7 +10,7 @@ from smsid.diagnose import forward_step as rounds
 from smsid.diagnose.forward_step import State
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds
-from smsid.diagnose.noise_covariance import Fitted
+from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.score_test import Score
 from smsid.errors import SmsidError
 
@@ -102,14 +102,14 @@ def world(monkeypatch):
         return fit
 
     asked.instead, asked.takes, asked.chances, asked.excited, asked.moved = None, {}, {}, 0.5, 1.0
-    monkeypatch.setattr(Fitted, "explained", lambda fitted, columns, estimate: columns)
+    monkeypatch.setattr(InflatedFit, "explained", lambda fitted, columns, estimate: columns)
     for name, stub in {
         "signatures": signatures,
         "scored": scored,
         "accept": accept,
         "recompute_evidence": recompute_evidence,
         "refit_noise": refitted,
-        "finely_stepped": finely,
+        "refine_steps": finely,
         "normalised_rmse": lambda *_: 1.0,
         "memory": lambda *_: (),
         "best_onsets": lambda *_: [],
@@ -122,7 +122,7 @@ def world(monkeypatch):
         "squared_distance": lambda *_: asked.moved,
     }.items():
         monkeypatch.setattr(rounds, name, stub)
-    fitted = Fitted(at("nominal"), np.ones(1), misfit=True)
+    fitted = InflatedFit(at("nominal"), np.ones(1), misfit=True)
     asked.at = at
     return State(fitted, [candidate(k) for k in (FOUND, OTHER, VAIN)], DetectionThresholds()), asked
 
@@ -167,7 +167,9 @@ def test_beside_a_cause_what_explains_nothing_keeps_its_signature(world, chance,
     """
     _, asked = world
     state = State(
-        Fitted(asked.at("nominal"), np.ones(1)), [candidate(k) for k in (FOUND, OTHER)], DetectionThresholds()
+        InflatedFit(asked.at("nominal"), np.ones(1)),
+        [candidate(k) for k in (FOUND, OTHER)],
+        DetectionThresholds(),
     )
     asked.chances, asked.excited, asked.moved = {OTHER: chance}, excited, 1e-6
     assert state.forward_step() and len(state.causes) == 1
@@ -302,13 +304,13 @@ def test_causes_that_share_an_effect_begin_together(known, plain):
         found = replace(
             plain, point=plain.point.with_effect(first.effect.model_copy(update={"start": start}))
         )
-        one, two = (c.score.candidate for c in state._as_begun(causes, found))
+        one, two = (c.score.candidate for c in state._with_fitted_onsets(causes, found))
         assert one.effect.start == two.effect.start == start
         assert two.holds(one)
     state.nominal = found = replace(
         plain, point=plain.point.with_effect(first.effect.model_copy(update={"start": 20.0}))
     )
-    assert state._as_begun(causes[1:], found)[0].score.candidate.effect.start is None
+    assert state._with_fitted_onsets(causes[1:], found)[0].score.candidate.effect.start is None
 
 
 def test_how_far_two_motions_are_apart():

@@ -24,10 +24,10 @@ def loaded(description, known):
 
 
 def test_the_place_of_a_payload_is_freed(loaded, monkeypatch):
-    freed = model_comparison._with_more
-    monkeypatch.setattr(model_comparison, "_with_more", lambda found, candidate: found)
+    freed = model_comparison._fit_further_parameters
+    monkeypatch.setattr(model_comparison, "_fit_further_parameters", lambda found, candidate: found)
     causes, current = loaded(PLACE)
-    monkeypatch.setattr(model_comparison, "_with_more", freed)
+    monkeypatch.setattr(model_comparison, "_fit_further_parameters", freed)
     larger = with_further(current, causes)
     assert larger is not None and larger.objective < current.objective - 0.5 * 3 * 7.0
     names = {u.name for u in larger.unknowns} - {u.name for u in current.unknowns}

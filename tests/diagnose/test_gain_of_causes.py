@@ -30,7 +30,9 @@ def test_hints_gain_nothing(description, flights, monkeypatch, stands, gains):
     monkeypatch.setattr(WHOLE, "propose", drags)
     monkeypatch.setattr(WHOLE, "verdict", lambda *_: ("unexplained", "Something else is left."))
     monkeypatch.setattr(
-        WHOLE, "standing", lambda found, named: (found, tuple(c if stands else None for c in named))
+        WHOLE,
+        "find_standing_causes",
+        lambda found, named: (found, tuple(c if stands else None for c in named)),
     )
     found = diagnose(description, flights[:1], validation=flights[1:])
     said, gain = found.diagnosis, found.diagnosis.gain

@@ -12,7 +12,7 @@ from smsid.diagnose.priors import nominal
 from smsid.diagnose.score_test import signatures
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.paths import urdf_folder
@@ -35,7 +35,9 @@ def test_a_gear_may_give_at_a_joint_that_slides_too(tmp_path):
     known = nominal(description, None)
     sensors = known.point.description.effective_sensors()
     data = measurements_of(known.point.base, recording, sensors).thinned(10.0)
-    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    problem = Problem(
+        recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), ProcessNoise()
+    )
     gears = [c for c in propose(known.point, problem, known.unknowns) if c.kind == "gear_compliance"]
     by_joint = {c.location: c.effect for c in gears}
     assert set(by_joint) == {"joint1", "joint2", "joint3"}

@@ -21,14 +21,14 @@ from smsid.diagnose.model_comparison import (
     refit,
     wald,
 )
-from smsid.diagnose.noise_covariance import Fitted
-from smsid.diagnose.profiled_hypothesis import Resolved
+from smsid.diagnose.noise_covariance import InflatedFit
+from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
 from smsid.diagnose.stepwise import search
 from smsid.effects import JointFriction, Slosh
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
@@ -46,7 +46,9 @@ def rubbed(description, known, friction, duration=6.0):
     data = measurements_of(known.point.base, recording, known.point.description.effective_sensors()).thinned(
         25.0
     )
-    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    problem = Problem(
+        recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), ProcessNoise()
+    )
     current = fit(known.point, known.unknowns[:1], problem)
     candidates = propose(known.point, problem, known.unknowns[:1])
     one = next(c for c in candidates if c.key == ("joint_friction", "joint2", "stribeck"))
@@ -116,7 +118,7 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
         seen.append(current.objective)
         return None, at_rest if len(tried) == 2 else current
 
-    start = Fitted(stopped, np.ones(stopped.problem.data.rows))
+    start = InflatedFit(stopped, np.ones(stopped.problem.data.rows))
     monkeypatch.setattr("smsid.diagnose.forward_step.accept", accepted)
     monkeypatch.setattr("smsid.diagnose.stepwise.first_fit", lambda *_: start)
     monkeypatch.setattr("smsid.diagnose.stepwise.with_levels", lambda found, *_: found)
@@ -456,7 +458,7 @@ def test_a_spring_without_a_mass_is_no_cause(known, mass, there):
     """Its mass went where it does nothing: how well its spring is known then says nothing."""
     tank = Slosh(name="more", position=(0.0,) * 3, mass=LEAST, stiffness=(1.0,) * 3, damping=(0.0,) * 3)
     names, steps = ("more.mass", "more.stiffness.x"), (STEP, 0.01)
-    candidate = Resolved("slosh", "bus", "slosh", "another slosh mass", tank, names, steps)
+    candidate = ResolvedHypothesis("slosh", "bus", "slosh", "another slosh mass", tank, names, steps)
     fitted = tank.with_values({"more.mass": mass + 1e-17, "more.stiffness.x": 3.0})
     found = SimpleNamespace(
         unknowns=candidate.unknowns(()),

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from smsid.diagnose.noise_covariance import (
-    Fitted,
+    InflatedFit,
     but_for_a_structure,
     first_fit,
     misfit_factors,
@@ -131,7 +131,7 @@ def test_where_the_last_step_cannot_be_filtered_the_one_before_is_taken(known, p
     """The last step of a fit is taken on trust; where it led must not cost the diagnosis."""
     before = fit(known.point, known.unknowns[:1], problem)
     astray = before.point.moved(before.unknowns, np.array([1e-3]))
-    found = Fitted(replace(before, point=astray), np.ones(problem.data.rows))
+    found = InflatedFit(replace(before, point=astray), np.ones(problem.data.rows))
     started = []
 
     def filtered(point, unknowns, problem, **options):
@@ -159,7 +159,7 @@ def test_what_a_candidate_explains_is_the_fall_of_squared_errors_in_stated_noise
     stated = np.tile(factors, rows // len(factors))
     left = found.residual[:rows] - columns[:rows] @ estimate
     fall = ((stated * found.residual[:rows]) ** 2).sum() - ((stated * left) ** 2).sum()
-    assert Fitted(found, factors, misfit=True).explained(columns, estimate) == pytest.approx(fall)
+    assert InflatedFit(found, factors, misfit=True).explained(columns, estimate) == pytest.approx(fall)
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +181,7 @@ def test_where_a_structure_is_all_that_is_wrong_the_rest_is_as_well_known_as_it_
     unknowns = [u for u in known.unknowns if u.column in (20, 30)]  # masses of the last links
     assert len(unknowns) == 2
     strayed = evaluate(known.point, unknowns, softer)
-    found = but_for_a_structure(Fitted(strayed, np.ones(softer.data.rows), misfit=True))
+    found = but_for_a_structure(InflatedFit(strayed, np.ones(softer.data.rows), misfit=True))
     bent = fit(known.point, unknowns, softer, iterations=3)
     assert found is not None and found.unknown == "panel" and not found.misfit
     for u in unknowns:
@@ -192,7 +192,7 @@ def test_where_a_structure_is_all_that_is_wrong_the_rest_is_as_well_known_as_it_
 def test_a_structure_is_unknown_only_where_that_tells_causes_as_well(known, softer):
     """Its wrench hides a thrust on the bus: of that, counted misfit tells more."""
     strayed = evaluate(known.point, known.unknowns[:3], softer)
-    first = Fitted(strayed, np.ones(softer.data.rows), misfit=True)
+    first = InflatedFit(strayed, np.ones(softer.data.rows), misfit=True)
     for better in (True, False):
 
         def told(found, better=better):
@@ -207,7 +207,7 @@ def test_what_is_wrong_elsewhere_is_not_laid_on_a_structure(known, problem, reco
     told[:, 1] *= 1.5
     wrong = replace(problem, recording=recording.with_channels({"command.joint_torque": told}))
     strayed = evaluate(known.point, known.unknowns[:1], wrong)
-    assert but_for_a_structure(Fitted(strayed, np.ones(problem.data.rows), misfit=True)) is None
+    assert but_for_a_structure(InflatedFit(strayed, np.ones(problem.data.rows), misfit=True)) is None
 
 
 @pytest.mark.parametrize(("size", "misfit"), [(0.5, False), (8.0, True)])
@@ -220,6 +220,6 @@ def test_misfit_is_counted_where_one_channel_alone_is_left_with_it(known, proble
     assert normalised_rmse(first.run) < 2.0
     raised = np.full(problem.data.rows, 5.0)
     before = evaluate(known.point, known.unknowns[:3], replace(slow, data=slow.data.scaled(raised)))
-    found = refit_noise(Fitted(before, raised, misfit=True, local=False), strong=True)
+    found = refit_noise(InflatedFit(before, raised, misfit=True, local=False), strong=True)
     assert found.misfit == misfit
     assert (found.factors[row] > 3.0) == misfit

@@ -12,7 +12,7 @@ from smsid.estimation.kalman import KalmanFilter, run_filter
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.problem import Noise, Problem, Timing, recordings_of
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, recordings_of
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
@@ -39,7 +39,11 @@ def joined(flown, description):
     none = np.array([], dtype=int)
     alone = [
         Problem(
-            p.recording, measurements_of(point.base, p.recording, sensors), none, Timing("linear"), Noise()
+            p.recording,
+            measurements_of(point.base, p.recording, sensors),
+            none,
+            CommandTiming("linear"),
+            ProcessNoise(),
         )
         for p in placed
     ]

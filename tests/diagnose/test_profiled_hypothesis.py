@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.profiled_hypothesis import Imbalance, LeakHypothesis, Resolved
+from smsid.diagnose.profiled_hypothesis import Imbalance, LeakHypothesis, ResolvedHypothesis
 from smsid.effects import MassLoss, WheelImbalance
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.map_estimate import MapFit
 
 ROWS = 4000
 
@@ -20,13 +20,13 @@ def stub(columns, truth, rng, noise):
     own.prior.rows, own.prior.off = np.eye(2), np.zeros(2)
     own.residual = np.concatenate([residual, np.zeros(2)])
     own.factors = np.linalg.qr(np.vstack([whitened.reshape(ROWS, 2), own.prior.rows]))
-    own._parted = lambda c: Fit._parted(own, c)
+    own._parted = lambda c: MapFit._parted(own, c)
     own.run = SimpleNamespace(samples=ROWS)
     return own
 
 
 def scored(candidate, found, columns):
-    (beside,) = Fit.projected(found, [columns])
+    (beside,) = MapFit.projected(found, [columns])
     return candidate.scored(found, beside)
 
 
@@ -111,12 +111,12 @@ def test_the_priors_of_a_place_keep_their_means_under_another_name():
     place = {f"position.{axis}": 1.0 for axis in "xyz"}
     effect = MassLoss(name="leak", frame="bus", rate=0.0, position=(0.3, -0.2, 0.1), prior=place)
     free = ("leak.rate", *(f"leak.{p}" for p in place))
-    found = Resolved(
+    found = ResolvedHypothesis(
         "mass_loss", "bus", "inertia", "mass loss", effect, free, (1e-3, 0.1, 0.1, 0.1),
         means=tuple((n, 0.0) for n in free[1:]),
     )  # fmt: skip
     apart = found.apart({"leak", "leak_later"})
-    assert isinstance(apart, Resolved) and apart.effect.name == "leak_later2"
+    assert isinstance(apart, ResolvedHypothesis) and apart.effect.name == "leak_later2"
     assert apart.free == ("leak_later2.rate", *(f"leak_later2.{p}" for p in place))
     assert [u.nominal for u in apart.unknowns(())] == [0.0, 0.0, 0.0, 0.0]
     assert found.apart({"another"}) is found

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from smsid.diagnose import Diagnosis, load_diagnosis, save_diagnosis
-from smsid.diagnose.result import Alias, FoundCause, Limit, Remaining, Value
+from smsid.diagnose.result import Alias, FoundCause, Limit, SignificantTest, Value
 from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.errors import SmsidError
 
@@ -25,10 +25,10 @@ FULL = Diagnosis(
     "craft", ("one", "two"), "explained", "The simulation lacks friction.", "from the estimate",
     causes=(CAUSE,), partial=(replace(CAUSE, onset=None),),
     gain=Gain("two", 751, 247.0, 247.0, 1.1, 1e6, 1e6, 10.0, (CHANNEL,), 3),
-    remaining=(Remaining("imu.angular_rate", "time", 99.0, 3, 1e-9),),
+    remaining=(SignificantTest("imu.angular_rate", "time", 99.0, 3, 1e-9),),
     limits=(Limit("backlash", "joint1", "gap", "width", 1e-4, "rad"),),
     noise={"imu": 1.02}, whitened_rms={"nominal": 1.0}, timing={"search": 3.0}, notes=("a note",),
-    tests={"nominal": (Remaining("joint1", "rate", 5.0, 2, 0.2),), "extended": ()},
+    tests={"nominal": (SignificantTest("joint1", "rate", 5.0, 2, 0.2),), "extended": ()},
 )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from smsid.diagnose.score_test import Candidate, correlation, odds, scored
 from smsid.effects import GearCompliance
-from smsid.estimation.map_estimate import Fit
+from smsid.estimation.map_estimate import MapFit
 
 SHIFT = Candidate("body_error", "link", "inertia", "mass", None, ("a", "b"), (1.0, 1.0))
 
@@ -25,8 +25,8 @@ def stub(rng, rows, fitted, prior):
     )
     own.prior.rows, own.prior.off = np.diag(prior), np.zeros(fitted)
     own.factors = np.linalg.qr(np.vstack([whitened.reshape(rows, fitted), own.prior.rows]))
-    own._parted = lambda c: Fit._parted(own, c)
-    own.projected = lambda groups: Fit.projected(own, groups)
+    own._parted = lambda c: MapFit._parted(own, c)
+    own.projected = lambda groups: MapFit.projected(own, groups)
     return own
 
 

@@ -11,7 +11,7 @@ from smsid.effects import JointFriction
 from smsid.estimation.joint_problem import joint_problem, on_one_clock, thinned
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing, recordings_of
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, recordings_of
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 
@@ -40,8 +40,8 @@ def searched(description):
         none = np.array([], dtype=int)
         alone = [
             Problem(
-                p.recording, measurements_of(base, p.recording, sensors), none, Timing("linear"), Noise(),
-                known.joint,
+                p.recording, measurements_of(base, p.recording, sensors), none, CommandTiming("linear"),
+                ProcessNoise(), known.joint,
             )
             for p in placed
         ]  # fmt: skip

@@ -8,7 +8,7 @@ import pytest
 from smsid.diagnose import standing_causes
 from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.result import Alias, Diagnosis, FoundCause, Value
-from smsid.diagnose.standing_causes import standing
+from smsid.diagnose.standing_causes import find_standing_causes
 from smsid.diagnose.verdict import verdict
 
 BIAS = "sensor", "imu.angular_rate"
@@ -52,7 +52,7 @@ def stands(monkeypatch):
             "causes": lambda by: tuple(own[c.score.candidate.location] for c in by.causes),
         }.items():
             monkeypatch.setattr(standing_causes, name, stub)
-        by, out = standing(found, named)
+        by, out = find_standing_causes(found, named)
         elsewhere = [o for o in out if o is not None and o.location != unknown]
         assert [unknown in note for note in by.failed] == [True] * bool(elsewhere)
         assert by.last == "rest" and len(by.causes) == len(elsewhere)
@@ -112,7 +112,7 @@ def test_what_cannot_be_or_looks_like_something_elsewhere_does_not_stand(stands,
 def test_nothing_stands_where_no_structure_is_all_that_is_left(monkeypatch):
     monkeypatch.setattr(standing_causes, "_but_for_a_structure", lambda _: None)
     found = SimpleNamespace(misfit=True)
-    assert standing(found, [told(*DRAG)]) == (found, (None,))
+    assert find_standing_causes(found, [told(*DRAG)]) == (found, (None,))
 
 
 def test_the_sentence_and_the_file_say_what_stands_and_what_does_not():

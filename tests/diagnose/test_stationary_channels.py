@@ -15,7 +15,7 @@ from smsid.diagnose.sensor_faults import (
 )
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.inputs.inputs import JointMotion
 from smsid.inputs.signals import Sampled
 from smsid.model import build_model
@@ -68,7 +68,9 @@ def test_what_repeats_itself_rests_where_the_model_says_so(known, description, r
     faults = stuck_channels(whole)
     assert f"{CHANNEL}[joint2]" in {f.component for f in faults} and all(f.doubtful for f in faults)
     data = inflate_for_quantisation(drop_samples(whole, faults).thinned(10.0), rounded)
-    problem = Problem(Recording(dataset), data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    problem = Problem(
+        Recording(dataset), data, np.array([], dtype=int), CommandTiming("linear", "right"), ProcessNoise()
+    )
     found = evaluate(known.point, known.unknowns[:1], problem)
     rest = {f.component for f in resting_channels(found, whole, faults)}
     assert (f"{CHANNEL}[joint2]" in rest) != stuck

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from smsid.diagnose.forward_step import SEEN, discretisation_chi2, finely_stepped
+from smsid.diagnose.forward_step import SEEN, discretisation_chi2, refine_steps
 from smsid.estimation.map_estimate import evaluate
 
 
 def test_steps_that_are_short_enough_stay(known, problem):
     found = evaluate(known.point, known.unknowns, problem)
     assert discretisation_chi2(found) < 0.1
-    assert finely_stepped(found) is found
+    assert refine_steps(found) is found
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def coarse(known, problem):
 
 def test_steps_that_are_too_long_are_halved(coarse):
     assert discretisation_chi2(coarse) > SEEN
-    finer = finely_stepped(coarse)
+    finer = refine_steps(coarse)
     assert finer.problem.substep < coarse.problem.substep
     assert discretisation_chi2(finer) < SEEN
     assert finer.objective < coarse.objective

@@ -36,7 +36,9 @@ def asked(monkeypatch):
         "normalised_rmse": lambda *_: 1e3,
         "_is_local": lambda _: False,
         "unexplained_fraction": lambda *_: 2.0 - bool(asked.alone) * 1.5,
-        "followed": lambda point, unknowns, problem: "fit" if problem.name == asked.alone else None,
+        "fit_to_stated_noise": lambda point, unknowns, problem: (
+            "fit" if problem.name == asked.alone else None
+        ),
         "coarse_cause": coarse,
         "unknown_structures": unknown,
         "with_levels": levels,
@@ -49,7 +51,7 @@ def asked(monkeypatch):
 def begun():
     data, recording = SimpleNamespace(rows=1), SimpleNamespace(name="recording")
     problem = SimpleNamespace(name="whole", data=data, recording=recording)
-    return stepwise._begun(SimpleNamespace(), problem, (), [PAYLOAD, SCALE], DetectionThresholds())
+    return stepwise._initial_state(SimpleNamespace(), problem, (), [PAYLOAD, SCALE], DetectionThresholds())
 
 
 def test_what_nothing_follows_is_tried_with_each_structure_unknown(asked):
@@ -92,7 +94,7 @@ def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch)
         def __getattr__(self, name):
             return lambda *_: steps.append(name) or name == "restore"
 
-    begun = {"_begun": Searching(), "adequacy": [], "band_tests": [], "normalised_rmse": 1.0}
+    begun = {"_initial_state": Searching(), "adequacy": [], "band_tests": [], "normalised_rmse": 1.0}
     for name, value in begun.items():
         monkeypatch.setattr(stepwise, name, lambda *_, value=value: value)
     stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ())

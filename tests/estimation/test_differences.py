@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.estimation.differences import ALIKE, derivatives_hold, differenced
+from smsid.estimation.differences import ALIKE, derivatives_hold, difference_equations
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.maximum import converged, settled
+from smsid.estimation.maximum import equations_at_maximum, has_converged
 from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Timing
+from smsid.estimation.problem import CommandTiming
 from smsid.estimation.retraction import retract
 from smsid.estimation.unknowns import unknowns_of
 
@@ -33,9 +33,9 @@ def unknowns(known):
 
 def test_the_slope_is_the_objectives_where_the_model_is_wrong(known, flight, unknowns):
     """Commands taken as linear where they are held: innovations of many standard deviations."""
-    wrong = [replace(flight, problem=replace(flight.problem, timing=Timing("linear", "right")))]
+    wrong = [replace(flight, problem=replace(flight.problem, timing=CommandTiming("linear", "right")))]
     found = normal_equations(known.point, unknowns, wrong)
-    exact = differenced(found, wrong)
+    exact = difference_equations(found, wrong)
     for i, u in enumerate(unknowns):
         step = np.zeros(len(unknowns))
         step[i] = 0.03 / np.sqrt(found.gram[i, i])
@@ -48,7 +48,7 @@ def test_the_slope_is_the_objectives_where_the_model_is_wrong(known, flight, unk
 def test_both_curvatures_agree_where_the_model_is_right(known, flight, unknowns):
     """By differences it is a little more: what the covariance of the innovations tells is in it."""
     found = normal_equations(known.point, unknowns, [flight])
-    exact = differenced(found, [flight])
+    exact = difference_equations(found, [flight])
     size = np.sqrt(np.diag(found.gram))
     np.testing.assert_allclose((exact.gram - found.gram) / np.outer(size, size), 0.0, atol=0.1)
 
@@ -57,8 +57,8 @@ def test_from_a_halt_it_goes_on_to_the_maximum(known, flight, unknowns):
     """A start two standard deviations off in each parameter."""
     at = normal_equations(known.point, unknowns, [flight])
     start = retract(known.point, unknowns, 2.0 * at.scales / np.sqrt(np.diag(at.gram)))
-    end = settled(normal_equations(start, unknowns, [flight]), [flight])
-    assert converged(end) and end.objective < at.objective
+    end = equations_at_maximum(normal_equations(start, unknowns, [flight]), [flight])
+    assert has_converged(end) and end.objective < at.objective
 
 
 RIGID = Satellite(wheel=0.001, tank=(1e-6, 1e-4, 1e-6), panel=(1.0, 0.1, 1e-6, -1e-6))
@@ -79,7 +79,7 @@ def test_information_is_the_curvature_where_wheels_follow_their_measured_motion(
     point = Point.of(truth)
     some = [u for u in unknowns_of(point).unknowns if u.name.startswith("bus.I")]
     flights = [flight_of(point, made, "flight")]
-    exact = differenced(normal_equations(point, some, flights), flights)
+    exact = difference_equations(normal_equations(point, some, flights), flights)
     told, basis = np.linalg.eigh(exact.gram)
     assert told[0] < 100.0  # 2522 with the correlations that the filter expects
     for information, direction in zip(told[3:], basis.T[3:], strict=True):
@@ -111,7 +111,7 @@ def test_slopes_by_springs_of_a_tank_that_begins_anyhow_are_not_those_along_the_
     flights = [flight_of(point, made, "flight")]
     found = normal_equations(point, some, flights)
     assert not derivatives_hold(found, flights)
-    exact = differenced(found, flights)
+    exact = difference_equations(found, flights)
     size = float(np.sqrt(found.gram[0, 0]))
     step = np.array([0.1 / size])
     up, down = (objective_of(retract(point, some, s * some[0].scale), some, flights) for s in (step, -step))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from smsid.effects import ThrusterGain
-from smsid.estimation.input_hold import curved, locked
+from smsid.estimation.input_hold import curved, locked_coordinates
 from smsid.estimation.input_timing import timing_of, timings
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.recording import Recording
 
 
@@ -22,7 +22,9 @@ def thrust(flown):
 
 def problem_of(point, recording):
     data = measurements_of(point.base, recording, point.description.effective_sensors()).thinned(25.0)
-    return Problem(recording, data, locked(point.base, recording), Timing(), Noise())
+    return Problem(
+        recording, data, locked_coordinates(point.base, recording), CommandTiming(), ProcessNoise()
+    )
 
 
 def test_thrust_that_switches_beside_a_torque_that_does_not(known, thrust):
@@ -40,8 +42,8 @@ def test_found_also_where_the_model_does_not_follow(known, thrust):
 @pytest.mark.parametrize(("inputs", "side"), [("held", "left"), ("linear", "right")])
 def test_told_by_the_recording(known, thrust, inputs, side):
     told = thrust.with_provenance({"inputs": inputs, "acceleration": f"limit from the {side}"})
-    assert timings(told) == (Timing(inputs, side),)
-    assert timing_of(known.point, problem_of(known.point, told)) == Timing(inputs, side)
+    assert timings(told) == (CommandTiming(inputs, side),)
+    assert timing_of(known.point, problem_of(known.point, told)) == CommandTiming(inputs, side)
 
 
 def test_waves_vary(known, problem, recording):
@@ -75,14 +77,14 @@ def test_ways_far_behind_over_the_first_samples_go_no_further(known, problem, mo
     plain = replace(problem, recording=problem.recording.with_provenance({}))
     monkeypatch.setattr("smsid.estimation.input_timing.run_filter", counted)
     monkeypatch.setattr("smsid.estimation.input_timing.BEHIND", np.inf)
-    every = timing_of(known.point, plain, Timing())
+    every = timing_of(known.point, plain, CommandTiming())
     assert lengths.count(len(problem.data.times)) == len(timings(plain.recording)) > 1
     monkeypatch.undo()
     lengths.clear()
     monkeypatch.setattr("smsid.estimation.input_timing.run_filter", counted)
-    assert timing_of(known.point, plain, Timing()) == every
+    assert timing_of(known.point, plain, CommandTiming()) == every
     assert len(lengths) > 1 and max(lengths) < len(problem.data.times) / 3
     lengths.clear()
     quiet = replace(plain, data=plain.data.scaled(np.full(plain.data.rows, 0.2)))
-    timing_of(known.point, quiet, Timing())
+    timing_of(known.point, quiet, CommandTiming())
     assert max(lengths) == len(problem.data.times)  # what is not followed to its noise tells nothing early

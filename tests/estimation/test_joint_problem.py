@@ -9,12 +9,12 @@ from smsid.description import load_description
 from smsid.diagnose.priors import nominal
 from smsid.effects import ExternalWrench, JointFriction
 from smsid.errors import RecordingError
-from smsid.estimation.input_hold import locked
+from smsid.estimation.input_hold import locked_coordinates
 from smsid.estimation.joint_problem import at_point, joint_problem, on_one_clock, on_own_clock, thinned
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing, recordings_of
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, recordings_of
 from smsid.estimation.sensitivities import propagate
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
@@ -64,8 +64,8 @@ def alone(known, placed):
     base = known.point.base
     return [
         Problem(
-            p.recording, measurements_of(base, p.recording, sensors), locked(base, p.recording),
-            Timing("linear"), Noise(), known.joint,
+            p.recording, measurements_of(base, p.recording, sensors), locked_coordinates(base, p.recording),
+            CommandTiming("linear"), ProcessNoise(), known.joint,
         )
         for p in placed
     ]  # fmt: skip

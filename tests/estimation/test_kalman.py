@@ -11,7 +11,7 @@ from smsid.estimation.filter_pass import predict_delayed
 from smsid.estimation.kalman import _readable, run_filter
 from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.measurement_model import MeasurementModel
-from smsid.estimation.problem import Timing
+from smsid.estimation.problem import CommandTiming
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.kernel.covariance import transition
@@ -169,7 +169,7 @@ def test_what_acted_before_the_first_sample_is_not_believed(problem, side, begin
     for values in commands.values():
         values[0] = begins
     recording = problem.recording.with_channels(commands)
-    present = _readable(replace(problem, recording=recording, timing=Timing("held", side)))
+    present = _readable(replace(problem, recording=recording, timing=CommandTiming("held", side)))
     for block in problem.data.blocks:
         at_once = block.quantity in ("joint_position", "acceleration")
         there = np.isfinite(problem.data.values[:, block.rows])

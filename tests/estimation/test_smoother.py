@@ -16,7 +16,7 @@ from smsid.estimation.hidden_states import hidden_states
 from smsid.estimation.identify_flights import FlightEstimate
 from smsid.estimation.normal_equations import normal_equations
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Timing
+from smsid.estimation.problem import CommandTiming
 from smsid.estimation.smoother import bryson_frazier, smoothed_states
 from smsid.estimation.unknowns import unknowns_of
 from smsid.identify.estimate import Estimate, classify
@@ -132,7 +132,7 @@ def estimated(description, recording):
     """Return the estimate of the tank: a Gauss-Newton step from the truth, where the maximum is near."""
     point = Point.of(description)
     flight = flight_of(point, recording, "flight")
-    flight = replace(flight, problem=replace(flight.problem, timing=Timing("held", "right")))
+    flight = replace(flight, problem=replace(flight.problem, timing=CommandTiming("held", "right")))
     unknowns = unknowns_of(point, bodies=False).unknowns
     for _ in range(2):
         equations = normal_equations(point, unknowns, [flight])

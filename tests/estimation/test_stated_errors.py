@@ -5,7 +5,7 @@ import pytest
 
 from smsid.errors import RecordingError
 from smsid.estimation import kalman
-from smsid.estimation.differences import ALIKE, differenced
+from smsid.estimation.differences import ALIKE, difference_equations
 from smsid.estimation.flight import flight_of
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.identify import identify_spacecraft
@@ -119,7 +119,7 @@ def test_curvatures_beside_a_walk_are_those_of_the_likelihood(flown, tmp_path):
     terms = {"random_walk": WALK, "scale_sigma": 0.01}
     recording = spoilt(flown, 0, "gyro.angular_rate", ErrorModel(**terms))
     result = identify_flights(stated(tmp_path, gyro__angular_rate=terms), [recording])
-    exact = differenced(result.found, result.flights)
+    exact = difference_equations(result.found, result.flights)
     both = [np.sqrt(np.diag(x.gram)) for x in (result.found, exact)]
     np.testing.assert_allclose(*both, rtol=0.02)
     np.testing.assert_allclose(result.found.slope / both[1], exact.slope / both[1], atol=ALIKE)

@@ -10,12 +10,12 @@ import pytest
 
 from smsid.effects import SensorScale
 from smsid.estimation import kalman
-from smsid.estimation.differences import differenced
+from smsid.estimation.differences import difference_equations
 from smsid.estimation.flight import flight_of
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Timing, UnknownInput
+from smsid.estimation.problem import CommandTiming, UnknownInput
 from smsid.estimation.smoother import predicted_covariances
 from smsid.estimation.unknowns import unknowns_of
 from smsid.recording import Recording
@@ -38,7 +38,7 @@ def grown(folder, step, timing=None):
     known = replace(problem.begin, covariance=np.zeros_like(problem.begin.covariance))
     inputs = (UnknownInput(wheel, 0.0, WALK, motor=True),)
     problem = replace(problem, data=unread, begin=known, unknown_inputs=inputs, locked=np.zeros(0, dtype=int))
-    problem = replace(problem, timing=timing or Timing("linear"))
+    problem = replace(problem, timing=timing or CommandTiming("linear"))
     model = point.model()
     filtering = KalmanFilter(model, problem)
     first = filtering.covariance
@@ -73,7 +73,7 @@ def test_a_motor_that_is_held_jumps_at_the_samples(tmp_path, side, plain, monkey
     if plain:
         monkeypatch.setattr(kalman, "compiled_model", lambda base: None)
     step = 0.1
-    filtered, smoothed, rate, inverse = grown(tmp_path, step, Timing("held", side))
+    filtered, smoothed, rate, inverse = grown(tmp_path, step, CommandTiming("held", side))
     np.testing.assert_allclose(filtered, smoothed, rtol=1e-9, atol=1e-18)
     jumps = step * (np.arange(round(SECONDS / step)) + (side == "right"))
     drives = inverse * (SECONDS - jumps)
@@ -104,7 +104,7 @@ def test_how_far_a_torque_may_wander_is_no_evidence_for_a_scale(tmp_path, monkey
     flight = flight_of(point, recording, "turning")
     unknowns = [u for u in unknowns_of(point).unknowns if u.name == "scale.error"]
     found = normal_equations(point, unknowns, [flight])
-    exact = differenced(found, [flight])
+    exact = difference_equations(found, [flight])
     apart = (exact.slope - found.slope) / np.sqrt(found.gram[0, 0])
     assert abs(float(apart[0])) < 0.02
     wide = [replace(u, sigma=3.0 * u.sigma, walk=3.0 * u.walk) for u in flight.problem.unknown_inputs]

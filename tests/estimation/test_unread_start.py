@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.stats import chi2
 
-from smsid.estimation.differences import differenced
+from smsid.estimation.differences import difference_equations
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.normal_equations import normal_equations
@@ -85,7 +85,10 @@ def test_what_nothing_reads_is_sought_with_what_was_known_of_it(flown, tmp_path)
 def test_derivatives_by_it_are_those_of_the_likelihood(flown, tmp_path):
     point, unknowns, flight = problem(flown, tmp_path, 0)
     here = normal_equations(point, unknowns, [flight])
-    exact, own = differenced(here, [flight]), [i for i, u in enumerate(unknowns) if u.kind == "start"]
+    exact, own = (
+        difference_equations(here, [flight]),
+        [i for i, u in enumerate(unknowns) if u.kind == "start"],
+    )
     np.testing.assert_allclose(np.diag(here.gram)[own], np.diag(exact.gram)[own], rtol=0.05)
     size = np.sqrt(np.diag(exact.gram))
     np.testing.assert_allclose((here.slope / size)[own], (exact.slope / size)[own], rtol=0.05, atol=0.05)

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from smsid.diagnose import Diagnosis, save_diagnosis
-from smsid.diagnose.result import Remaining
+from smsid.diagnose.result import SignificantTest
 from smsid.errors import MissingDependencyError, NotIdentifiableError, SmsidError
 from smsid.figures import KINDS, draw
 from smsid.figures.draw import Request, campaign_figure, recording_figure, stabilisation_figure
@@ -65,7 +65,7 @@ def test_bars_of_an_estimate_are_its_intervals():
 
 
 def test_the_map_is_drawn_from_the_file(tmp_path):
-    tests = tuple(Remaining(t.where, t.dependence, t.ratio, t.freedom, t.p_value) for t in TESTS)
+    tests = tuple(SignificantTest(t.where, t.dependence, t.ratio, t.freedom, t.p_value) for t in TESTS)
     made = Diagnosis("craft", (), "explained", "It is.", tests={"nominal": tests, "extended": tests[1:3]})
     save_diagnosis(made, tmp_path / "d.json")
     path = draw("diagnosis", Request(tmp_path / "d.json"), tmp_path / "map.svg")

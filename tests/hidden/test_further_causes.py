@@ -13,7 +13,7 @@ from smsid.diagnose.priors import nominal
 from smsid.diagnose.score_test import scored, signatures
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Noise, Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from tests.estimation.effect_cases import by_name, fly
 from tests.hidden.description import write_description
 from tests.hidden.experiment import commands
@@ -39,7 +39,7 @@ def test_it_scores_best(name, tmp_path):
     known = nominal(load_description(write_description(world, tmp_path)), None)
     point = known.point
     data = measurements_of(point.base, made, point.description.effective_sensors())
-    problem = Problem(made, data, np.array([], dtype=int), Timing("held", "left"), Noise())
+    problem = Problem(made, data, np.array([], dtype=int), CommandTiming("held", "left"), ProcessNoise())
     found = evaluate(point, known.unknowns, problem)
     every = propose(point, problem, known.unknowns)
     columns = signatures(found, every)

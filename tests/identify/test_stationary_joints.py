@@ -10,7 +10,7 @@ from likelihood import twin
 
 from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.paper.pipeline import identify
-from smsid.identify.stationary_joints import Still, is_constant
+from smsid.identify.stationary_joints import StationaryJoints, is_constant
 from smsid.likelihood import refine
 
 LOCKED = 1e12  # [kg m^2]
@@ -69,7 +69,7 @@ def test_maximum_likelihood_with_a_still_joint_and_a_still_wheel():
 def test_a_joint_that_hardly_moves():
     """0.15 mrad, 20 urad/s: more than noise, too little to tell anything of a link from."""
     recording = twin.noisy(twin.exp2(40.0, (("joint3", 1e6),)), 0, biased=False)
-    assert not Still.of(twin.model(), recording)
+    assert not StationaryJoints.of(twin.model(), recording)
     estimate = identify(twin.description(), [recording]).estimate
     found = list(estimate.group("exp2.step_b"))
     inside(found, 0)
@@ -108,8 +108,8 @@ def test_what_stands_still(values: np.ndarray, still: bool):
 
 def test_what_is_held_has_no_noise_left():
     recording = twin.noisy(twin.exp2(40.0, (("joint3", LOCKED),)), 0)
-    found = Still.of(twin.model(), recording)
-    assert found == Still((2,), ())
+    found = StationaryJoints.of(twin.model(), recording)
+    assert found == StationaryJoints((2,), ())
     held = found.held(twin.model(), recording)
     assert np.ptp(held["encoder.joint_position"][:, 2]) == 0.0
     assert held["encoder.joint_position"][0, 2] == pytest.approx(0.9, abs=1e-5)

@@ -24,7 +24,7 @@ from smsid.effects import (
 )
 from smsid.effects.force_laws import Play
 from smsid.estimation.compiled_filter import compiled_model
-from smsid.estimation.filter_pass import Applied, Instance, filter_samples
+from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.measurements import matrix
 from smsid.kernel.arrays import arrays_of
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
@@ -85,7 +85,7 @@ def moving(model, rng):
 
 def forces(model, moves, rng):
     """Return applied forces over some moves, and the arguments of a drive with two unknown inputs."""
-    own = Applied(
+    own = AppliedForces(
         0.3 * rng.standard_normal((moves, 2, model.nv)),
         0.3 * rng.standard_normal((moves, model.nv)),
         0.3 * rng.standard_normal((moves + 1, model.nv)),
@@ -315,10 +315,10 @@ def test_a_pass_with_parameters_is_the_plain_one(crafts, sensed, more):
     values[1, ::3] = np.nan
     f._variance = np.full(values.shape[1], 1.0)
     begun, found = (f.q, f.v, f.unknown, f.values, f.covariance), []
-    assert f.at.compiled is not None and len(f.at.compiled.parameters.read_terms)
-    for way in (f.at.compiled, None):
+    assert f.at.compiled_tables is not None and len(f.at.compiled_tables.parameters.read_terms)
+    for way in (f.at.compiled_tables, None):
         f.q, f.v, f.unknown, f.values, f.covariance = begun
-        f.at.compiled = way
+        f.at.compiled_tables = way
         record = f.go_on(STEP * np.arange(N), own.drive(*inputs), values, attitudes)
         found.append((record, State(f.q, f.v, f.unknown, f.values, f.covariance)))
     # the plain way differences accelerations by parameters of effects, the compiled one forces

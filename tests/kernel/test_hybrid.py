@@ -10,7 +10,7 @@ from smsid.likelihood import prediction
 from smsid.likelihood.inputs import Drive, Thrust
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import predict
-from smsid.likelihood.spline import Samples, fit_motion
+from smsid.likelihood.spline import DerivativeSamples, fit_motion
 from smsid.likelihood.time_grid import Timeline
 from smsid.model import SpacecraftModel, build_model
 
@@ -26,7 +26,7 @@ def moving(model: SpacecraftModel, group, seed: int):
     rng = np.random.default_rng(seed)
     times = np.linspace(0.0, STOP, 401)
     values = 0.4 * np.sin(np.outer(times, 1.0 + np.arange(len(group)))) + rng.uniform(-0.5, 0.5, len(group))
-    return fit_motion([Samples(0, times, values, np.full(len(group), 1e-6))], 0.0, STOP, 100.0, 0.1)
+    return fit_motion([DerivativeSamples(0, times, values, np.full(len(group), 1e-6))], 0.0, STOP, 100.0, 0.1)
 
 
 def drive(model: SpacecraftModel, *, held: bool) -> Drive:

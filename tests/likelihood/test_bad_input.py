@@ -12,7 +12,7 @@ from smsid.likelihood import Refinement, refine
 from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.recording_term import piece_of
-from smsid.likelihood.spline import Samples, fit_motion
+from smsid.likelihood.spline import DerivativeSamples, fit_motion
 from smsid.model import build_model
 from smsid.paths import urdf_folder
 from smsid.recording import Recording
@@ -92,7 +92,7 @@ def test_joint_motion_with_spikes_and_a_gap():
         noisy[[700, 702, 1500, 1501]] += 1e4 * sigma  # of two so near each other one hides the other
         noisy[rng.random(len(times)) < 0.001] = np.nan
         kept = (times < 20.0) | (times > 22.0)
-        samples.append(Samples(order, times[kept], noisy[kept, None], np.array([sigma])))
+        samples.append(DerivativeSamples(order, times[kept], noisy[kept, None], np.array([sigma])))
     motion = fit_motion(samples, 0.0, times[-1], 100.0, 0.1)
     assert motion.spacing > 0.5  # no knots were spent on spikes
     off_ = np.abs(motion.values(times)[0][:, 0] - angle)

@@ -15,7 +15,7 @@ from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import Evaluation, Point, step_point
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm, piece_of
-from smsid.likelihood.spline import DEGREE, Samples, fit_motion, inverse_bands
+from smsid.likelihood.spline import DEGREE, DerivativeSamples, fit_motion, inverse_bands
 
 from . import twin
 
@@ -155,7 +155,7 @@ def test_inverse_within_the_band():
     rng = np.random.default_rng(0)
     times = np.linspace(0.0, 10.0, 300)
     values = rng.standard_normal((300, 2))
-    motion = fit_motion([Samples(0, times, values, np.array([1.0, 0.1]))], 0.0, 10.0, 30.0, 0.5)
+    motion = fit_motion([DerivativeSamples(0, times, values, np.array([1.0, 0.1]))], 0.0, 10.0, 30.0, 0.5)
     found = inverse_bands(motion.information)
     m = motion.information.shape[2]
     for own, bands in zip(found, motion.information, strict=True):

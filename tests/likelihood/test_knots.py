@@ -21,7 +21,7 @@ from smsid.likelihood.knots import _has_gaps, refined_motion, resolution, resolv
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.point import Point
 from smsid.likelihood.refine import OF_PARTS
-from smsid.likelihood.spline import Samples, fit_motion
+from smsid.likelihood.spline import DerivativeSamples, fit_motion
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import add_noise
@@ -101,7 +101,9 @@ def test_two_flights_of_the_same_craft_do_not_contradict_each_other(craft, clean
 
 def test_a_divided_spline_is_the_same_motion():
     times = np.arange(0.0, 20.0, 0.01)
-    samples = [Samples(0, times, np.column_stack([np.sin(times), np.cos(2 * times)]), np.full(2, 1e-5))]
+    samples = [
+        DerivativeSamples(0, times, np.column_stack([np.sin(times), np.cos(2 * times)]), np.full(2, 1e-5))
+    ]
     motion = fit_motion(samples, 0.0, 20.0, 100.0, 0.1)
     finer = motion.divided(3)
     assert finer.intervals == 3 * motion.intervals

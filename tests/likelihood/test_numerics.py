@@ -16,7 +16,7 @@ from smsid.errors import DescriptionError
 from smsid.likelihood.channels import Channel, gram_root
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor, tangent
-from smsid.likelihood.spline import DEGREE, Samples, along, basis_sums, fit_motion
+from smsid.likelihood.spline import DEGREE, DerivativeSamples, along, basis_sums, fit_motion
 from smsid.likelihood.time_grid import PLACES, A, B, C, Timeline, stage_values, transitions
 
 
@@ -121,8 +121,12 @@ def test_spline_takes_positions_and_rates_and_states_its_error():
     for seed in range(40):
         rng = np.random.default_rng(seed)
         samples = [
-            Samples(0, times, (angle + 1e-5 * rng.standard_normal(len(times)))[:, None], np.array([1e-5])),
-            Samples(1, times, (rate + 1e-4 * rng.standard_normal(len(times)))[:, None], np.array([1e-4])),
+            DerivativeSamples(
+                0, times, (angle + 1e-5 * rng.standard_normal(len(times)))[:, None], np.array([1e-5])
+            ),
+            DerivativeSamples(
+                1, times, (rate + 1e-4 * rng.standard_normal(len(times)))[:, None], np.array([1e-4])
+            ),
         ]
         motion = fit_motion(samples, 0.0, times[-1], 100.0, 0.1)
         q, qd, _ = motion.values(times)
@@ -193,7 +197,9 @@ def test_knots_of_a_long_record_are_those_that_its_liveliest_part_needs():
     window = np.exp(-(((times - 433.0) / 4.0) ** 2))
     exact = window * np.sin(np.pi * times)
     noisy = exact + 1e-4 * np.random.default_rng(5).standard_normal(len(times))
-    motion = fit_motion([Samples(0, times, noisy[:, None], np.array([1e-4]))], 0.0, times[-1], 100.0, 0.1)
+    motion = fit_motion(
+        [DerivativeSamples(0, times, noisy[:, None], np.array([1e-4]))], 0.0, times[-1], 100.0, 0.1
+    )
     assert motion.spacing < 1.0
     assert np.abs(motion.values(times)[0][:, 0] - exact).max() < 3e-4
 

@@ -13,7 +13,17 @@ from scipy.stats import chi2, kstest
 from smsid.campaign.outcome import Outcome, RunRecord
 from smsid.campaign.summary import summarise
 from smsid.control.robustness import Robustness
-from smsid.diagnose import Alias, ChannelGain, Diagnosed, Diagnosis, FoundCause, Gain, Limit, Remaining, Value
+from smsid.diagnose import (
+    Alias,
+    ChannelGain,
+    Diagnosis,
+    DiagnosisRun,
+    FoundCause,
+    Gain,
+    Limit,
+    SignificantTest,
+    Value,
+)
 from smsid.identify.estimate import Estimate, classify
 from smsid.paper.table4_report import study_report
 from smsid.report import render
@@ -77,9 +87,9 @@ def test_spectra_of_white_noise_are_one_and_a_tone_stands_out():
     assert before.x[np.argmax(before.y)] == pytest.approx(4.0, abs=0.2)
 
 
-def remaining(where: str, dependence: str, ratio: float, freedom: int, tests: int = 4) -> Remaining:
+def remaining(where: str, dependence: str, ratio: float, freedom: int, tests: int = 4) -> SignificantTest:
     p = min(1.0, tests * float(chi2.sf(ratio, freedom)))
-    return Remaining(where, dependence, ratio, freedom, p)
+    return SignificantTest(where, dependence, ratio, freedom, p)
 
 
 TESTS = (
@@ -143,7 +153,7 @@ def diagnosis() -> Diagnosis:
 
 
 def test_a_diagnosis_tells_cause_map_gain_and_limits(diagnosis, origin):
-    report = diagnose_report(Diagnosed(diagnosis, None), ReportInputs(None, ()), origin)
+    report = diagnose_report(DiagnosisRun(diagnosis, None), ReportInputs(None, ()), origin)
     names = {"causes", "map", "map-before", "map-after", "gain", "gain-chart", "remaining", "limits", "notes"}
     page = check_page(render(report), names)
     assert report.tone == "good"
@@ -161,7 +171,7 @@ def test_what_is_not_evaluated_is_said_to_be_so(origin):
     found = Diagnosis(
         "craft", ("rec",), "not_evaluated", "The recording has no command.", gain_reason="no data"
     )
-    report = diagnose_report(Diagnosed(found, None), ReportInputs(None, ()), origin)
+    report = diagnose_report(DiagnosisRun(found, None), ReportInputs(None, ()), origin)
     text = render(report)
     check_page(text, {"causes", "gain"})
     assert report.tone == "neutral" and "Not evaluated: The recording has no command." in text

@@ -10,13 +10,13 @@ import pytest
 from smsid.arm import identify_arm, with_joint_effects
 from smsid.cli import main
 from smsid.description import load_description
-from smsid.diagnose import DetectionThresholds, Diagnosed, Diagnosis, Noise, diagnose
+from smsid.diagnose import DetectionThresholds, Diagnosis, DiagnosisRun, Noise, diagnose
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.stepwise import search
 from smsid.effects import JointFriction
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.problem import Problem, Timing
+from smsid.estimation.problem import CommandTiming, Problem
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.recording import save_recording
@@ -85,14 +85,14 @@ def test_a_search_shows_candidates_aliases_spectra_and_innovations(urdf, origin)
     recording = fly(world, plan, np.random.default_rng(3)).recording
     known = nominal(described, None)
     data = measurements_of(known.point.base, recording, described.effective_sensors()).thinned(6.0)
-    problem = Problem(recording, data, np.array([], dtype=int), Timing("linear", "right"), Noise())
+    problem = Problem(recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), Noise())
     every = propose(known.point, problem, known.unknowns)
     some = [c for c in every if c.family == "friction" and c.shape in ("viscous", "coulomb")][:6]
     found = search(known.point, problem, known.unknowns, some, DetectionThresholds(causes=1))
     assert found.causes
     result = Diagnosis("paper_sms", (recording.name,), "explained", "It lacks friction.")
     report = diagnose_report(
-        Diagnosed(result, described, found), ReportInputs(described, [recording], rate=6.0), origin
+        DiagnosisRun(result, described, found), ReportInputs(described, [recording], rate=6.0), origin
     )
     text = render(report)
     check_page(text, {"ranking", "alias-matrix", "spectra", "traces", "gain"})

@@ -45,7 +45,7 @@ def dependences(found: TorqueFit) -> list[SpecificationTest]:
             white = found.whitened(found.equations.filtered(values))
             basis = _beyond(found, white, curves)
             freedom = basis.shape[1]
-            if freedom == 0 or (name == DELAY and _short(found, white, basis)):
+            if freedom == 0 or (name == DELAY and _is_below_stamps(found, white, basis)):
                 continue
             after = found.left - basis @ (basis.T @ found.left)
             level = max(1.0, float(np.mean(after[rows] ** 2)))
@@ -97,7 +97,7 @@ def _beyond(found: TorqueFit, white: np.ndarray, curves: np.ndarray) -> np.ndarr
     return u[:, singular**2 > DEPENDENT]
 
 
-def _short(found: TorqueFit, white: np.ndarray, basis: np.ndarray) -> bool:
+def _is_below_stamps(found: TorqueFit, white: np.ndarray, basis: np.ndarray) -> bool:
     """Whether a delay is shorter than time stamps are to be believed: no cause would be made of it either."""
     delay = float(found.left @ basis[:, 0]) / float(white[:, 0] @ basis[:, 0])
     return abs(delay) < THRESHOLDS.stamps * found.equations.interval

@@ -20,7 +20,7 @@ from smsid.diagnose.torque.fit import TorqueFit, moved_value, term_columns
 from smsid.diagnose.torque.known import described_values, extended_description, links_known, prior_of
 from smsid.diagnose.torque.search import LEVELS, TorqueCause, TorqueSearch, search_torques
 from smsid.diagnose.validation import ChannelGain, Gain
-from smsid.diagnose.verdict import alias, describe, is_sibling, tested
+from smsid.diagnose.verdict import alias, describe, is_sibling, test_results
 from smsid.effects.friction import frictions_of
 from smsid.errors import RecordingError, SmsidError
 from smsid.identify.estimate import Estimate
@@ -111,10 +111,10 @@ def diagnose_torques(
         causes=named,
         gain=gained,
         gain_reason=reason,
-        remaining=tested(left, len(blocks)),
+        remaining=test_results(left, len(blocks)),
         tests={
-            "nominal": tested(before, len(before)),
-            "extended": tested(blocks, len(blocks)),
+            "nominal": test_results(before, len(before)),
+            "extended": test_results(blocks, len(blocks)),
         },
         limits=torque_limits(found),
         whitened_rms=whitened,

@@ -127,7 +127,7 @@ def torque_equations(
         if cutoff is None:
             cutoff = min(motion_cutoff(model, r) for r in recording)
         parts = [torque_equations(description, r, cutoff=cutoff, band=band, late=late) for r in recording]
-        return parts[0] if len(parts) == 1 else _stacked(parts)
+        return parts[0] if len(parts) == 1 else _stack_recordings(parts)
     top = motion_cutoff(model, recording) if cutoff is None else float(cutoff)
     motion = joint_motion(model, recording, top, late=late)
     within = min(SHARE * top, BAND) if band is None else float(band)
@@ -145,7 +145,7 @@ def torque_equations(
     )  # fmt: skip
 
 
-def _stacked(parts: Sequence[TorqueEquations]) -> TorqueEquations:
+def _stack_recordings(parts: Sequence[TorqueEquations]) -> TorqueEquations:
     """Return equations of several recordings as one: each begins a sample after the one before."""
 
     def whole(name: str) -> np.ndarray:

@@ -180,7 +180,7 @@ def term_columns(equations: TorqueEquations, terms: Sequence[Term], load: np.nda
     return np.concatenate([np.zeros((*load.shape, 0)), *parts], axis=2)
 
 
-def _stacked(
+def _stack_priors(
     design: np.ndarray, torque: np.ndarray, whitening: Whitening, prior: Prior
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened columns and torques with the priors' rows below."""
@@ -197,7 +197,7 @@ def _solve(
     equations: TorqueEquations, prior: Prior, terms: tuple[Term, ...], own: np.ndarray, whitening: Whitening
 ) -> TorqueFit:
     design = np.concatenate([equations.rows, equations.filtered(own)], axis=2)
-    columns, target = _stacked(design, equations.torque, whitening, prior)
+    columns, target = _stack_priors(design, equations.torque, whitening, prior)
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0
     u, singular, vt = np.linalg.svd(columns / size, full_matrices=False)

@@ -114,8 +114,8 @@ def search_torques(
         causes.append(cause)
         if best.candidate.shape == "stribeck":  # one curve a joint
             rest = [c for c in rest if c.key != best.candidate.key]
-        causes, current = _refitted(current, causes, recording)
-        causes, current = _pruned(causes, current, recording, tried)
+        causes, current = _refit_causes(current, causes, recording)
+        causes, current = _backward_elimination(causes, current, recording, tried)
     scores = score_candidates(current, rest)
     causes = [c if c.term.candidate.moves else _beside_all(current, causes, c, candidates) for c in causes]
     return TorqueSearch(nominal, current, tuple(causes), tuple(scores), tried)
@@ -180,7 +180,7 @@ def _beside_all(
     return replace(cause, score=own, aliases=tuple(best.values()))
 
 
-def _refitted(
+def _refit_causes(
     current: TorqueFit,
     causes: list[TorqueCause],
     recording: Recording | Sequence[Recording],
@@ -216,7 +216,7 @@ def _refitted(
     return causes, current
 
 
-def _pruned(
+def _backward_elimination(
     causes: list[TorqueCause],
     current: TorqueFit,
     recording: Recording | Sequence[Recording],

@@ -55,7 +55,7 @@ class Agreement:
 
 @short_repr
 @dataclass(frozen=True)
-class Combined:
+class CombinedAxes:
     """Parameters of several axes brought together: those that axes share are averaged where they agree.
 
     ``names``: the shared ones as they are (``M``, ``m_s``, ``rho``), the others with their axis (``k_s.x``).
@@ -98,13 +98,13 @@ def is_shared(name: str) -> bool:
     return name == "M" or name.startswith(("rho", "m_s"))
 
 
-def combine(estimates: Sequence[AxisEstimate]) -> Combined:
+def combine(estimates: Sequence[AxisEstimate]) -> CombinedAxes:
     """Bring axes together; shared parameters are weighed by their variances, not-a-number is left out.
 
     Whether the axes agree is tested first (chi-squared, `CONTRADICTION`), each to no better than `ACCURACY`.
     """
     if not estimates:
-        return Combined((), np.zeros(0), np.zeros((0, 0)))
+        return CombinedAxes((), np.zeros(0), np.zeros((0, 0)))
     rows: dict[str, list[tuple[int, int]]] = {}
     for e, estimate in enumerate(estimates):
         for i, name in enumerate(estimate.names):
@@ -128,7 +128,7 @@ def combine(estimates: Sequence[AxisEstimate]) -> Combined:
     for e, estimate in enumerate(estimates):
         full[offsets[e] : offsets[e + 1], offsets[e] : offsets[e + 1]] = np.nan_to_num(estimate.covariance)
     covariance = weights @ full @ weights.T * np.outer(widened, widened)
-    return Combined(tuple(rows), weights @ stacked, covariance, tuple(agreements))
+    return CombinedAxes(tuple(rows), weights @ stacked, covariance, tuple(agreements))
 
 
 def _agreement(name: str, places: Sequence[tuple[AxisEstimate, int]]) -> Agreement:

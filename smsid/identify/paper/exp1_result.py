@@ -15,7 +15,7 @@ from smsid.effects.slosh import Slosh
 from smsid.identify.appendage_modes import PanelModes
 from smsid.identify.estimate import ParameterEstimate, classify
 from smsid.identify.modes import match_modes
-from smsid.identify.paper.combined import Combined, combine
+from smsid.identify.paper.combined import CombinedAxes, combine
 from smsid.identify.paper.exp1_panels import PanelShares, is_density, panels_of
 from smsid.identify.paper.noise_replicates import ModeSigma
 from smsid.identify.paper.translation import AxisEstimate
@@ -46,7 +46,7 @@ class TranslationResult:
     """
 
     axes: tuple[AxisEstimate, ...]
-    combined: Combined
+    combined: CombinedAxes
     symbols: dict[str, str]
     modes: dict[str, SeenModes]
     parameters: tuple[ParameterEstimate, ...]
@@ -149,7 +149,7 @@ def assemble(
     )
 
 
-def _lost(found: Combined, mark: str) -> bool:
+def _lost(found: CombinedAxes, mark: str) -> bool:
     """Whether a tank's mass is not different from zero."""
     if f"m_s{mark}" not in found:
         return True
@@ -158,7 +158,7 @@ def _lost(found: Combined, mark: str) -> bool:
 
 
 def _tank(
-    tank: Slosh, mark: str, found: Combined, symbols: dict[str, str], notes: list[str]
+    tank: Slosh, mark: str, found: CombinedAxes, symbols: dict[str, str], notes: list[str]
 ) -> list[ParameterEstimate]:
     if f"m_s{mark}" not in found:
         notes.append(f"{tank.name}: no axis separates it from the other tanks; it stays as described")
@@ -233,7 +233,7 @@ Density = tuple[str, str, float]  # the parameter's name, unit and described val
 
 
 def densities(
-    model: SpacecraftModel, found: Combined, shares: Sequence[PanelShares], notes: list[str]
+    model: SpacecraftModel, found: CombinedAxes, shares: Sequence[PanelShares], notes: list[str]
 ) -> list[ParameterEstimate]:
     """Return the densities of the appendages, and combinations of those that are not told apart.
 
@@ -297,7 +297,7 @@ def combination(densities: Mapping[str, Density], weights: Mapping[str, float]) 
 
 
 def mark_contradictions(
-    parameters: Sequence[ParameterEstimate], found: Combined, symbols: Mapping[str, str], notes: list[str]
+    parameters: Sequence[ParameterEstimate], found: CombinedAxes, symbols: Mapping[str, str], notes: list[str]
 ) -> list[ParameterEstimate]:
     """Return the parameters, none identifiable in which axes contradict each other; ``notes`` say how.
 

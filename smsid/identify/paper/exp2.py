@@ -23,7 +23,7 @@ from smsid.identify.paper.motion import Motion, prepare, raw_rates
 from smsid.identify.paper.noise_replicates import add_noise_replicate
 from smsid.identify.paper.pose_point import PosePoint, refine_pose_point
 from smsid.identify.paper.rest import check_at_rest
-from smsid.identify.stationary_joints import Still, not_seen
+from smsid.identify.stationary_joints import StationaryJoints, not_seen
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -92,7 +92,7 @@ def identify_momentum(
     check_on_bus(model)
     recording = order_columns(recording, model)
     _check_free(recording)
-    still = Still.of(model, recording)
+    still = StationaryJoints.of(model, recording)
     recording = still.held(model, recording)
     motion = timed("filtering", lambda: _prepare_twice(model, recording, cutoff, rate))
     _check_excited(model, recording, motion, still)
@@ -175,7 +175,7 @@ def _check_free(recording: Recording) -> None:
         )
 
 
-def _hardly_moving(model: SpacecraftModel, motion: Motion, still: Still) -> list[str]:
+def _hardly_moving(model: SpacecraftModel, motion: Motion, still: StationaryJoints) -> list[str]:
     speed = np.abs(motion.angle_rates).max(axis=0, initial=0.0)
     slow = [k for k in range(len(speed)) if speed[k] < STILL and k not in still.joints]
     return [
@@ -185,7 +185,9 @@ def _hardly_moving(model: SpacecraftModel, motion: Motion, still: Still) -> list
     ]
 
 
-def _check_excited(model: SpacecraftModel, recording: Recording, motion: Motion, still: Still) -> None:
+def _check_excited(
+    model: SpacecraftModel, recording: Recording, motion: Motion, still: StationaryJoints
+) -> None:
     length = float(motion.time[-1] - motion.time[0])
     if length < SHORTEST:
         raise NotIdentifiableError(

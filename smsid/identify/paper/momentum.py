@@ -13,7 +13,7 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError
-from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments, skew
+from smsid.identify.momentum_rows import ParameterSplit, carried_by_bus, first_moments, skew
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum_regression import BLOCK, Regression, regress
 from smsid.identify.paper.motion import Motion
@@ -65,7 +65,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
     joints or bus do not move enough.
     """
     regressor = Regressor(model)
-    parts = Split.of(model, regressor, bus_first=False)
+    parts = ParameterSplit.of(model, regressor, bus_first=False)
     start = float(motion.time[0])
 
     def equations(part: Motion, states: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +79,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
 def rows_a(
     model: SpacecraftModel,
     regressor: Regressor,
-    parts: Split,
+    parts: ParameterSplit,
     motion: Motion,
     hidden: HiddenStates,
     mass: float,
@@ -118,7 +118,7 @@ def step_b(
     Raises `NotIdentifiableError` when no known momentum is exchanged.
     """
     regressor = Regressor(model)
-    parts = Split.of(model, regressor, bus_first=True)
+    parts = ParameterSplit.of(model, regressor, bus_first=True)
     _check_exchange(model, regressor, parts, motion, hidden)
 
     def equations(part: Motion, states: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +137,7 @@ def thinned(motion: Motion, hidden: HiddenStates) -> tuple[Motion, HiddenStates]
 
 
 def _check_exchange(
-    model: SpacecraftModel, regressor: Regressor, parts: Split, motion: Motion, hidden: HiddenStates
+    model: SpacecraftModel, regressor: Regressor, parts: ParameterSplit, motion: Motion, hidden: HiddenStates
 ) -> None:
     """Raise `NotIdentifiableError` when what is known carries no angular momentum."""
     y = regressor.momentum(*full_states(model, *thinned(motion, hidden)))[:, 3:]
@@ -152,7 +152,7 @@ def _check_exchange(
 def rows_b(
     model: SpacecraftModel,
     regressor: Regressor,
-    parts: Split,
+    parts: ParameterSplit,
     motion: Motion,
     hidden: HiddenStates,
     mass: float,

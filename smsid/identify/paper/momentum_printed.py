@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.momentum_rows import Split, first_moments, skew
+from smsid.identify.momentum_rows import ParameterSplit, first_moments, skew
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum import full_states, thinned
 from smsid.identify.paper.momentum_regression import Regression, regress
@@ -77,7 +77,7 @@ class PrintedTerms:
 
     model: SpacecraftModel
     regressor: Regressor
-    parts: Split
+    parts: ParameterSplit
     chosen: list[int]
     moments: BaseParameters
 
@@ -85,7 +85,7 @@ class PrintedTerms:
     def of(cls, model: SpacecraftModel, motion: Motion, hidden: HiddenStates) -> PrintedTerms:
         """Return the terms that a motion tells apart."""
         regressor = Regressor(model)
-        parts = Split.of(model, regressor, bus_first=True)
+        parts = ParameterSplit.of(model, regressor, bus_first=True)
         kinds = ("m", "mx", "my", "mz")
         chosen = [i for i in parts.unknown if regressor.names[i].rsplit(".", 1)[1] in kinds]
         q, _ = full_states(model, *thinned(motion, hidden))

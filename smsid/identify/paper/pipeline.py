@@ -17,7 +17,7 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
-from smsid.identify.gap_filling import LONGEST, Mended, fill_gaps
+from smsid.identify.gap_filling import LONGEST, FilledRecording, fill_gaps
 from smsid.identify.modes import identified_modes
 from smsid.identify.paper.exp1 import identify_translation
 from smsid.identify.paper.exp1_described import check_moves
@@ -115,7 +115,7 @@ def identify(
         if not told:
             why = "Exp. 1 does not tell them" if translation else "no Exp. 1 was given"
             notes.append(f"{why}: total mass, slosh and appendages are taken from the description")
-        perturbed = _perturbed(linear, told) if told and replicates else []
+        perturbed = _perturb_exp1(linear, told) if told and replicates else []
         momentum = identify_momentum(
             model,
             floating[0],
@@ -144,10 +144,12 @@ def identify(
         conditions=conditions,
     )
     panels = translation.panels if translation else {}
-    return Identification(estimate, _as_given(given, linear, description, panels), translation, momentum)
+    return Identification(
+        estimate, _to_given_description(given, linear, description, panels), translation, momentum
+    )
 
 
-def _as_given(
+def _to_given_description(
     given: Description, linear: Description, identified: Description, panels: Mapping[str, Appendage]
 ) -> Description:
     """Return the given description with what was identified in the linear one."""
@@ -157,7 +159,9 @@ def _as_given(
     return as_described(given.with_effects(*(e for e in changed if e.name not in own)), bending)
 
 
-def _mended(description: Description, recordings: Sequence[Recording]) -> tuple[list[Mended], list[str]]:
+def _mended(
+    description: Description, recordings: Sequence[Recording]
+) -> tuple[list[FilledRecording], list[str]]:
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
     for recording in recordings:
@@ -180,7 +184,9 @@ def _with_notes(error: NotIdentifiableError, notes: Sequence[str]) -> NotIdentif
 
 
 def _doubted(
-    parameters: Sequence[ParameterEstimate], mends: Sequence[Mended], quantities: Sequence[str] | None
+    parameters: Sequence[ParameterEstimate],
+    mends: Sequence[FilledRecording],
+    quantities: Sequence[str] | None,
 ) -> list[ParameterEstimate]:
     """Return the parameters, none identifiable if there is a long bridge in ``quantities`` (or any)."""
     found = max((m.longest(quantities) for m in mends), key=lambda x: x[1], default=("", 0.0))
@@ -197,7 +203,7 @@ def _doubted(
     return [doubted(p) for p in parameters]
 
 
-def _perturbed(linear: Description, found: TranslationResult) -> list[tuple[SpacecraftModel, float]]:
+def _perturb_exp1(linear: Description, found: TranslationResult) -> list[tuple[SpacecraftModel, float]]:
     """Model and mass moved by a standard deviation along each principal direction of Exp. 1's covariance."""
     return [
         (build_model(with_translation(linear, found, change)), found.mass + change["M"])

@@ -14,7 +14,7 @@ from twins.numbers import PAPER
 
 from smsid.description import load_description
 from smsid.errors import NotIdentifiableError
-from smsid.identify.momentum_rows import Split, carried_by_bus, first_moments
+from smsid.identify.momentum_rows import ParameterSplit, carried_by_bus, first_moments
 from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
 from smsid.identify.paper.modal_state import ModalState
 from smsid.identify.paper.momentum import full_states, step_a, step_b
@@ -139,7 +139,7 @@ def test_step_b_needs_the_slosh_state(free):
 def test_the_split_follows_the_joints_not_their_order(case):
     """What Step A and B seek are bus and links; wheels, tank and modes are known."""
     model, _, _ = case
-    split = Split.of(model, Regressor(model), bus_first=True)
+    split = ParameterSplit.of(model, Regressor(model), bus_first=True)
     assert {n.split(".")[0] for n in split.names} == {"bus", "link1", "link2", "link3"}
     assert "bus.m" not in split.names
     assert len(split.unknown) == 39
