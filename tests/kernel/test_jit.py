@@ -64,9 +64,9 @@ def test_without_a_folder_for_the_cache_the_plain_way_is_taken_and_said_once():
     assert log.count("numba keeps no cache") == 1
 
 
-INNER = """from pack.jit import compiled
+INNER = """from pack.jit import compile_inner
 
-@compiled
+@compile_inner
 def inner(x):
     return 2.0 * x
 """

@@ -10,7 +10,7 @@ import pytest
 from smsid.arm import identify_arm, with_joint_effects
 from smsid.cli import main
 from smsid.description import load_description
-from smsid.diagnose import DetectionThresholds, Diagnosis, DiagnosisRun, Noise, diagnose
+from smsid.diagnose import DetectionThresholds, Diagnosis, DiagnosisRun, ProcessNoise, diagnose
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.stepwise import search
@@ -85,7 +85,9 @@ def test_a_search_shows_candidates_aliases_spectra_and_innovations(urdf, origin)
     recording = fly(world, plan, np.random.default_rng(3)).recording
     known = nominal(described, None)
     data = measurements_of(known.point.base, recording, described.effective_sensors()).thinned(6.0)
-    problem = Problem(recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), Noise())
+    problem = Problem(
+        recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), ProcessNoise()
+    )
     every = propose(known.point, problem, known.unknowns)
     some = [c for c in every if c.family == "friction" and c.shape in ("viscous", "coulomb")][:6]
     found = search(known.point, problem, known.unknowns, some, DetectionThresholds(causes=1))
