@@ -19,6 +19,7 @@ from smsid.diagnose.noise_covariance import FOLLOWED
 from smsid.diagnose.open_loop import unexplained_fraction
 from smsid.diagnose.outliers import outliers, recount_outliers
 from smsid.diagnose.priors import nominal
+from smsid.diagnose.profile_intervals import with_profile_intervals
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.sensor_faults import (
     Fault,
@@ -191,6 +192,7 @@ def _diagnose(
             LOGGER.info("outliers of %d components are none", len(more) - len(still))
             problem = replace(problem, data=drop_samples(every, still))
             found = searched(problem, found.nominal.point, found)
+    found = with_profile_intervals(found)
     seen, every = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
     decided, sentence = verdict(found, (*seen, *every))
     named, partial, by, hints = every, (), found, []

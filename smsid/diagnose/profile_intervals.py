@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.diagnose.model_comparison import Cause
+from smsid.diagnose.stepwise import Search
+from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.likelihood_profile import (
@@ -52,6 +54,22 @@ class PosteriorOfProblem:
         return best.point, best.objective
 
 
+def with_profile_intervals(found: Search) -> Search:
+    """Return a search with its last fit at the top of its ridge, and intervals of its causes from there.
+
+    Misfit that is counted as noise has no likelihood to follow.
+    """
+    if found.misfit or not found.causes:
+        return found
+    try:
+        last, bent = profile_intervals(found.last, found.causes)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("no profiles: %s", error, exc_info=True)
+        told = f"following the likelihood along what is poorly known failed and was left out: {error}"
+        return replace(found, failed=(*found.failed, told))
+    return replace(found, last=last, bent=bent)
+
+
 def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, dict[str, Interval]]:
     """Return the fit at the top of its ridge, and intervals (95 %) that no Gaussian describes, by name."""
     if found.problem.noise.shapes:  # their errors are none of the likelihood's
@@ -62,7 +80,7 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
         own = [names.index(n) for c in causes for n in c.score.candidate.free if n in names]
         doubtful = [i for i in own if _is_poorly_known(found, covariance, i)]
         if not doubtful:
-            break
+            return found, {}
         posterior = PosteriorOfProblem(found.unknowns, found.problem)
         also = [names.index(n) for c in causes for n in c.score.candidate.also if n in names]
         rows = [*own, *also]
@@ -77,7 +95,9 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
             for i, b in ((rows[k], b) for k, b in bent.items())
             if b.ends is not None
         }
-    return found, {}
+    # its top was not reached: how far they go is not known
+    doubtful = [i for i in own if _is_poorly_known(found, covariance, i)]
+    return found, {names[i]: _from(found, found.unknowns[i], (-np.inf, np.inf)) for i in doubtful}
 
 
 def _is_poorly_known(found: MapFit, covariance: np.ndarray, i: int) -> bool:

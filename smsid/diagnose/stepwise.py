@@ -25,7 +25,6 @@ from smsid.diagnose.noise_covariance import (
     with_levels,
 )
 from smsid.diagnose.open_loop import unexplained_fraction
-from smsid.diagnose.profile_intervals import Interval, profile_intervals
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import (
     PAST,
@@ -58,6 +57,7 @@ class Search:
     ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
     in steps.
     ``failed`` says in sentences what could not be done for numerical reasons, or was taken as unknown.
+    ``bent`` are 95 % intervals of parameters whose likelihood is no Gaussian's, by name.
     """
 
     nominal: MapFit
@@ -77,7 +77,7 @@ class Search:
     failed: tuple[str, ...] = ()
     factors: np.ndarray = field(default_factory=lambda: np.ones(0))
     bands: tuple[SpecificationTest, ...] = ()
-    bent: Mapping[str, Interval] = field(default_factory=dict)
+    bent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def left(self) -> tuple[SpecificationTest, ...]:
@@ -90,7 +90,7 @@ class Search:
         return _significant(self.before, (), self.levels, self.coarse, white=not self.misfit)
 
     @property
-    def fit_to_stated_noise(self) -> float:
+    def followed(self) -> float:
         """Share of the squared prediction errors, in stated noise, that the causes take away."""
         before, after = self.normalised_rmse
         return 1.0 - (after / before) ** 2
@@ -121,15 +121,6 @@ def search(
         if state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
             _look(state)
     blocks = _apply_generic_tests(state, coarse)
-    bent: dict[str, Interval] = {}
-
-    def fit_to_stated_noise() -> None:
-        top, ends = profile_intervals(state.current, state.causes)
-        state.take(top)
-        bent.update(ends)
-
-    if state.causes and not state.fitted.misfit:
-        state.guarded("following the likelihood along what is poorly known", fit_to_stated_noise)
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
     sensor = state.fitted.alone and not state.causes
@@ -143,7 +134,7 @@ def search(
         {part: float(x) for part, x in zip(("nominal", "search", "tests"), np.diff(clock), strict=True)},
         levels, coarse, tuple(state.failed),
         state.fitted.factors,
-        tuple(band_tests(state.current, state.fitted.factors)), bent,
+        tuple(band_tests(state.current, state.fitted.factors)),
     )  # fmt: skip
 
 

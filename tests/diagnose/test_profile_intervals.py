@@ -2,13 +2,16 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from smsid._statistics import NORMAL95
+from smsid.diagnose import profile_intervals as profile_module
 from smsid.diagnose.model_comparison import unfitted_parameters
 from smsid.diagnose.profile_intervals import profile_intervals
 from smsid.diagnose.result import Value
 from smsid.effects import Payload
+from smsid.estimation.likelihood_profile import BetterMaximum
 from smsid.estimation.map_estimate import fit
 from tests.diagnose.test_exchange_step import paired, with_causes
 
@@ -45,6 +48,17 @@ def test_the_likelihood_has_fallen_at_the_ends(loaded):
         start = found.point.with_effect(effect.model_copy(update={"mass": end}))
         best = fit(start, others, found.problem, iterations=30, enough=0.002)
         assert best.objective - found.objective == pytest.approx(0.5 * NORMAL95**2, rel=0.1)
+
+
+def test_of_a_top_that_is_not_reached_no_end_is_claimed(loaded, monkeypatch):
+    causes, current = loaded
+
+    def never(found, *_, **__):
+        raise BetterMaximum(found.point)
+
+    monkeypatch.setattr(profile_module, "bent_intervals", never)
+    _, ends = profile_intervals(current, causes)
+    assert ends[NAME][1] == np.inf and ends[NAME][0] <= 0.0
 
 
 def test_an_interval_of_a_profile_is_told_as_it_is():

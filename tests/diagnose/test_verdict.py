@@ -9,6 +9,7 @@ from scipy.stats import chi2
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.score_test import Candidate, Score
+from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.verdict import verdict
 
@@ -112,3 +113,8 @@ def test_the_component_that_is_left_is_said_with_its_level():
     said, sentence = verdict(found, [FoundCause("kind", "place0", "other", "size", (), (), {})])
     assert said == "unexplained" and "row2 is left at 4 times its noise" in sentence, sentence
     assert "is not believed" not in sentence, "nothing speaks against its value"
+
+
+def test_what_causes_take_away_is_a_share_of_the_squares():
+    told = SimpleNamespace(normalised_rmse=(10.0, 1.0))
+    assert Search.followed.fget(told) == pytest.approx(0.99)  # what the verdict and standing causes read
