@@ -56,14 +56,14 @@ def with_finite_elements(tables: Mapping[str, Any], folder: Path) -> dict[str, A
     if not isinstance(effects, list) or not any(isinstance(e, Mapping) and KEY in e for e in effects):
         return dict(tables)
     found = []
-    for effect in effects:
-        if not isinstance(effect, Mapping) or KEY not in effect:
-            found.append(effect)
+    for entry in effects:
+        if not isinstance(entry, Mapping) or KEY not in entry:
+            found.append(entry)
             continue
-        rest = {k: v for k, v in effect.items() if k != KEY}
-        where = f"[[effect]] '{effect.get('name')}', {KEY},"
+        rest = {k: v for k, v in entry.items() if k != KEY}
+        where = f"[[effect]] '{entry.get('name')}', {KEY},"
         advice = 'Write finite_elements = { file = "panel.f06", nodes = [7], damping = 0.005 }.'
-        asked = validated(FiniteElements, effect[KEY], where, DescriptionError, advice=advice)
+        asked = validated(FiniteElements, entry[KEY], where, DescriptionError, advice=advice)
         found.append({**modal_data(folder / asked.file, asked), **rest})
     return {**tables, "effect": found}
 
