@@ -76,6 +76,26 @@ class InertialWrench(ForceLaw):
         return np.r_[f, m + np.cross(self.numbers[6:], f)]
 
 
+class HandedOn(ForceLaw):
+    """The applied force of another degree of freedom acts on this one as well."""
+
+    law = "handed"
+    by_place = by_rate = False
+
+    def __init__(self, row: int, giver: int) -> None:
+        super().__init__([row, giver], (), ())
+
+    def by_load(self) -> float:
+        """Return how much of it goes by the applied force: all."""
+        return 1.0
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
+        """Add it to tau (nv,), which holds the applied forces alone."""
+        row, giver = self.rows
+        if t >= self.start:
+            tau[row] += tau[giver]
+
+
 class Spring(ForceLaw):
     """``-stiffness (q - rest)``."""
 

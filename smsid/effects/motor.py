@@ -26,7 +26,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly, Twist
 from smsid.effects.base import Effect, JointEffect, physical, register
-from smsid.effects.force_laws import Play, SharedFriction
+from smsid.effects.force_laws import HandedOn, Play, SharedFriction
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia, Rotor
 
@@ -204,16 +204,8 @@ class ElasticGear(JointEffect):
         gear = model.joints[joint].idx_v
         model.armature[gear] = inertia
 
-        def coupling(mass: np.ndarray) -> None:
-            mass[link, link], mass[link, gear], mass[gear, link] = counted, inertia, inertia
-
-        def motor(t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> None:
-            tau[gear] += tau[link]
-
-        assembly.add_inertia_term(
-            self._rotor(assembly, number, gear) if self.carried else ConstantInertia(coupling)
-        )
-        assembly.add_load_force(motor, ((), ()), first=True)
+        assembly.add_inertia_term(self._rotor(assembly, number, gear))
+        assembly.add_load_force(HandedOn(gear, link), first=True)
         if self.encoder == "motor":
             assembly.motors[number] = joint
         return joint

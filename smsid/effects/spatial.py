@@ -154,8 +154,10 @@ class Rotor:
         self, model: pin.Model, joint: int, inertia: float, carried: float, *, gear: int | None, in_link: bool
     ) -> None:
         self.motion, self.link = FrameMotion(model, joint), model.joints[joint].idx_v
-        self.inertia, self.carried, self.gear, self.in_link = inertia, carried, gear, in_link
-        if not turns(model, joint):
+        self.joint, self.inertia, self.carried, self.gear = joint, inertia, carried, gear
+        self.in_link = in_link
+        self.depends = None if carried else ((), ())
+        if carried and not turns(model, joint):
             raise DescriptionError(
                 f"A rotor is carried round by the link before joint '{model.names[joint]}', which slides.",
                 advice="Leave out `carried`, or give it 0.",
@@ -163,15 +165,16 @@ class Rotor:
 
     def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what it adds to mass matrix (nv, nv) and nonlinear effects (nv,)."""
-        along, drift = self.turning(q, v)
-        own = np.zeros(len(v))
+        own, along, counted = np.zeros(len(v)), np.zeros(len(v)), 0.0 if self.in_link else 1.0
         if self.gear is not None:
             own[self.gear] = 1.0
-        counted = 0.0 if self.in_link else 1.0
+        along[self.link], drift, across = 1.0, 0.0, np.zeros(len(v))
+        if self.carried:
+            along, drift = self.turning(q, v)
+            jacobian, velocity, _ = self.motion.at(q, v)
+            across = jacobian[3:].T @ np.cross(velocity[3:], jacobian[3:, self.link])
         mass = counted * np.outer(along, along) + np.outer(own, along) + np.outer(along, own)
         spin = float((counted * along + own) @ v)
-        jacobian, velocity, _ = self.motion.at(q, v)
-        across = jacobian[3:].T @ np.cross(velocity[3:], jacobian[3:, self.link])
         bias = drift * (counted * along + own) + self.carried * spin * across
         return self.inertia * mass, self.inertia * bias
 

@@ -40,7 +40,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Tables:
-    """Tables of bodies (k, n, 28) and roots (k, 25 + ...) whose inverse dynamics are derivatives by
+    """Tables of bodies (k, n, 28) and roots (k, 26 + ...) whose inverse dynamics are derivatives by
     parameters, as `smsid.kernel.filter.Parameters` has them, and the same of sensors (k,).
     """
 
@@ -93,7 +93,7 @@ def inertial_tables(
     for column, scale in zip(columns, scales, strict=True):
         joint, element = int(column) // 10 + 1, int(column) % 10
         row, root = np.zeros_like(own.bodies), own.root.copy()
-        root[[*range(10), c.FORCES, c.BEAMS]] = 0.0
+        root[[*range(10), c.FORCES, c.BEAMS, c.ROTORS]] = 0.0
         i, unit = row_of(m, free, joint), scale * np.eye(10)[element]
         if i < 0:
             root[element] = scale
@@ -118,7 +118,7 @@ def effect_tables(changes: Sequence[Change]) -> Tables | None:
         bodies_alone = same and np.array_equal(low.root[c.FREE :], high.root[c.FREE :])
         if bodies_alone and np.array_equal(low.bodies[:, GEOMETRY], high.bodies[:, GEOMETRY]):  # linear
             root = low.root.copy()
-            root[[c.FORCES, c.BEAMS]] = 0.0
+            root[[c.FORCES, c.BEAMS, c.ROTORS]] = 0.0
             root[:10] = change.factor * (high.root[:10] - low.root[:10])
             row = change.factor * (high.bodies - low.bodies)
             if row.any() or root[:10].any():

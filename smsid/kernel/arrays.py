@@ -76,9 +76,24 @@ class Growth(Protocol):
     begun: float
 
 
+@runtime_checkable
+class Rotor(Protocol):
+    """A rotor of an ``inertia`` [kg m^2] seen at a ``joint`` whose place in v is ``link``, with the twist of
+    its gear at ``gear`` in v or ``None``, a share ``carried`` round by the body before the joint; ``in_link``
+    says whether the link counts it already.
+    """
+
+    joint: int
+    link: int
+    gear: int | None
+    inertia: float
+    carried: float
+    in_link: bool
+
+
 @dataclass(frozen=True)
 class Kernel:
-    """The arrays of a spacecraft: ``tree`` (n, 5), ``bodies`` (n, 28), ``root`` (25 + ...,), see the columns
+    """The arrays of a spacecraft: ``tree`` (n, 5), ``bodies`` (n, 28), ``root`` (26 + ...,), see the columns
     there.
 
     A rotation, position, axis and inertia are in the axes of the joint's parent, joint axes at rest; where
@@ -96,7 +111,7 @@ class Kernel:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first arguments of what is compiled: tree (n, 5), bodies (n, 28), root (25 + ...,)."""
+        """The first arguments of what is compiled: tree (n, 5), bodies (n, 28), root (26 + ...,)."""
         return self.tree, self.bodies, self.root
 
 
@@ -109,7 +124,7 @@ def arrays_of(
 ) -> Kernel | None:
     """Return the arrays of a model, ``None`` for joints, springs or ``terms`` that the kernel does not know.
 
-    ``bodies`` stand for the model's own; of nonlinear terms it knows `Force`, `Beam` and `Growth`.
+    ``bodies`` stand for the model's own; of nonlinear terms it knows `Force`, `Beam`, `Growth` and `Rotor`.
     ``balanced=False``: as `tree_of`.
     """
     growing = [x for x in terms if isinstance(x, Growth)]
@@ -121,15 +136,17 @@ def arrays_of(
     found.bodies[model.spring_v - start, c.DAMPING] = model.damping
     forces = [x for x in terms if isinstance(x, Force)]
     beams = [x for x in terms if isinstance(x, Beam)]
-    loaded = [k for x in forces if x.by_load() for k in x.rows]
-    known = len(forces) + len(beams) + len(growing)
+    rotors = [x for x in terms if isinstance(x, Rotor)]
+    loaded = [x.rows[0] for x in forces if x.by_load()]
+    known = len(forces) + len(beams) + len(growing) + len(rotors)
     if known < len(terms) or len(set(loaded)) < len(loaded):  # they see each other's
         return None
     tables = [_force_table(x) for x in forces]
     tables += [_growth_table(found, bodies or model.pin, model.free, x) for x in growing]
     tables += [_beam_table(found, bodies or model.pin, start, x) for x in beams]
+    tables += [_rotor_table(found, start, x) for x in rotors]
     root = np.concatenate([found.root, *tables])
-    root[c.FORCES], root[c.BEAMS] = len(forces) + len(growing), len(beams)
+    root[c.FORCES], root[c.BEAMS], root[c.ROTORS] = len(forces) + len(growing), len(beams), len(rotors)
     return replace(found, root=root)
 
 
@@ -174,6 +191,27 @@ def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray
     own.tree[beam.v[1:] - start, c.COUPLED] = beam.v[:-1] - start
     table = np.concatenate([np.ravel(x) for x in numbers])
     return np.r_[len(table) + 4.0, max(row, -1.0), len(beam.v), len(beam.x), table]
+
+
+def _rotor_table(own: Kernel, start: int, rotor: Rotor) -> np.ndarray:
+    """Return a rotor as `smsid.kernel.rotors` has it; what a body and an armature have of it, they get."""
+    row, twist = rotor.link - start, -1 if rotor.gear is None else rotor.gear - start
+    parent, counted = own.tree[row, c.PARENT], 0.0 if rotor.in_link else 1.0
+    own.bodies[row, c.ARMATURE] += counted * rotor.inertia
+    if twist >= 0:  # it comes after the joint, at no place of its own
+        own.tree[twist, c.PARENT], own.tree[twist, c.COUPLED] = parent, row
+    turn = own.bodies[row, c.ROTATION : c.ROTATION + 9].reshape(3, 3)
+    x, y, z = (
+        turn @ own.bodies[row, c.AXIS : c.AXIS + 3]
+        if own.tree[row, c.TURNING]
+        else own.bodies[row, c.AXIS : c.AXIS + 3]
+    )
+    about = counted * rotor.carried**2 * rotor.inertia * np.array([x * x, x * y, y * y, x * z, y * z, z * z])
+    if parent >= 0:
+        own.bodies[parent, c.INERTIA : c.INERTIA + 6] += about
+    elif own.root[c.FREE]:
+        own.root[4:10] += about
+    return np.array([6.0, row, twist, rotor.inertia, rotor.carried, counted])
 
 
 def tree_of(m: pin.Model, free: bool, *, balanced: bool = True) -> Kernel | None:

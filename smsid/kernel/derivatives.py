@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from smsid.kernel.beams import ZERO, add_beam_derivatives
-from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FORCES, FREE, PARENT, STIFFNESS, TIME
+from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FORCES, FREE, PARENT, ROTORS, STIFFNESS, TIME
 from smsid.kernel.forces import UNITS, add_forces, add_tides
 from smsid.kernel.jit import compile_inner, compiled_and_cached
 from smsid.kernel.motion import start_of_chart
+from smsid.kernel.rotors import add_rotor_derivatives
 from smsid.kernel.spatial import (
     bracket,
     cross,
@@ -41,7 +42,7 @@ def inverse_dynamics(tree, bodies, root, angles, v, a, gravity, load, work, out)
     for i in range(n - 1, -1, -1):
         body, k = bodies[i], start + i
         total = body[ARMATURE] * a[k] + body[STIFFNESS] * angles[i] + body[DAMPING] * v[k]
-        if root[BEAMS] > 0.0:  # else it is of another table
+        if root[BEAMS] > 0.0 or root[ROTORS] > 0.0:  # else it is of another table
             total += work[11][i, 6]
         above = tree[i, PARENT] if tree[i, PARENT] >= 0 else n
         for c in range(6):
@@ -181,3 +182,5 @@ def derivatives(tree, bodies, root, angles, v, a, gravity, scratch, mass, by_q, 
                 by_v[3 + r, 3 + c] = columns[4][1][r] + about[r]
     if root[BEAMS] > 0.0:
         add_beam_derivatives(tree, root, angles, v, a, gravity, first, second, work, mass, by_q, by_v)
+    if root[ROTORS] > 0.0:
+        add_rotor_derivatives(tree, root, v, first, second, work, mass, by_q, by_v)

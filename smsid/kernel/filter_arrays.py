@@ -10,7 +10,7 @@ from smsid.kernel.readings import Readings
 
 
 class TreeTables(NamedTuple):
-    """A ``tree`` (n, 5); T tables of ``bodies`` (T, n, 28) and ``roots`` (T, 25 + ...), the model's own
+    """A ``tree`` (n, 5); T tables of ``bodies`` (T, n, 28) and ``roots`` (T, 26 + ...), the model's own
     first.
     """
 

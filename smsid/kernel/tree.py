@@ -6,7 +6,7 @@ bias forces by Newton and Euler, then the factorisation H = L' D L that keeps th
 (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 6 and 8).
 
 Arguments that recur here and in the modules beside: ``tree`` (n, 5), ``bodies`` (n, 28) and ``root``
-(25 + ...,) as `smsid.kernel.arrays` makes them; ``angles`` (n,) [rad | m] of the n joints, each of one degree
+(26 + ...,) as `smsid.kernel.arrays` makes them; ``angles`` (n,) [rad | m] of the n joints, each of one degree
 of freedom; ``v``, ``tau`` (nv,); ``gravity`` (3,) [m/s^2] in bus axes.
 """
 
@@ -30,12 +30,14 @@ from smsid.kernel.columns import (
     PARENT,
     POSITION,
     ROTATION,
+    ROTORS,
     SLIDE,
     STIFFNESS,
     TURNING,
 )
 from smsid.kernel.forces import add_forces, add_tides, grow
 from smsid.kernel.jit import compile_inner
+from smsid.kernel.rotors import add_rotors
 from smsid.kernel.spatial import (
     about_origin,
     bearing_force,
@@ -58,7 +60,7 @@ from smsid.kernel.spatial import (
 def workspace(n):
     """Return scratch space: orientations, places, axes, velocities, accelerations, forces, inertias of
     bodies (the last row is the bus), the mass matrix in three parts, zeros (n + 6,), and of joints that are
-    modes of a beam what `add_beams` gives them.
+    modes of a beam or have a rotor what `add_beams` and `add_rotors` give them.
     """
     return (
         np.empty((n, 9)),
@@ -164,6 +166,8 @@ def outward(tree, bodies, root, angles, v, vdot, gravity, work):
         put(forces[i], f, m)
     if root[BEAMS] > 0.0:
         add_beams(tree, root, angles, v, vdot, work)
+    if root[ROTORS] > 0.0:
+        add_rotors(tree, root, v, vdot, work)
 
 
 @compile_inner
@@ -182,7 +186,8 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
     """
     outward(tree, bodies, root, angles, v, work[10], gravity, work)
     axes, forces, inertias, mass, coupling, whole = work[2], work[5], work[6], work[7], work[8], work[9]
-    n, extra, bends = len(tree), work[11], root[BEAMS] > 0.0  # else ``extra`` is of another table
+    n, extra = len(tree), work[11]
+    bends = root[BEAMS] > 0.0 or root[ROTORS] > 0.0  # else ``extra`` is of another table
     free = root[FREE] > 0.0
     start = 6 if free else 0
     for i in range(n - 1, -1, -1):
@@ -210,7 +215,7 @@ def assemble(tree, bodies, root, angles, v, tau, gravity, work, out):
             mass[i, i] += extra[i, 7 + i]
             f, m = plus(f, 1.0, three(extra[i], 0)), plus(m, 1.0, three(extra[i], 3))
         j = tree[i, COUPLED]
-        while j != parent:  # modes of the same beam
+        while j != parent:  # modes of the same beam, the joint of a twist
             mass[i, j] = extra[i, 7 + j] if bends else 0.0
             j = tree[j, COUPLED]
         while j >= 0:

@@ -243,6 +243,28 @@ def test_a_pass_with_gears_that_give_at_once_is_the_plain_one(crafts, gear, sens
     assert_passes_are_the_same(craft, description)
 
 
+SWINGING = {"name": "x", "compliance": 2e-3, "damping": 0.4, "motor_inertia": 0.6}
+ROTORS = {
+    "beside its link": {"joint": "joint2"},
+    "in its link": {"joint": "joint2", "inertia_in_link": True, "encoder": "link"},
+    "carried round": {"joint": "joint3", "carried": 0.7},
+    "carried round, in its link": {"joint": "joint3", "carried": -0.4, "inertia_in_link": True},
+    "on the bus": {"joint": "joint1", "carried": 0.3},
+}
+
+
+@pytest.mark.parametrize("rotor", ROTORS)
+def test_a_pass_with_a_rotor_that_swings_is_the_plain_one(crafts, rotor):
+    craft = crafts["paper"]
+    gear = GearCompliance(**SWINGING, **ROTORS[rotor])
+    rub = JointFriction(name="rub", joint=gear.joint, coulomb=0.3, load=0.1, smoothing=0.1)
+    panel = GeometricStiffness(name="soft", appendage="panel", factor=0.8)
+    for more in ((), (rub,), (panel,)):
+        description = with_errors(craft.description.with_effects(gear, *more), SENSED["late"])
+        # the plain one takes differences of the rotor's forces
+        assert_passes_are_the_same(craft, description, within=1e-7 if more or gear.carried else 1e-10)
+
+
 def test_teeth_of_a_gear_are_the_plain_ones(crafts):
     """The gear's own joint is not for the filter: the forces themselves are compared."""
     play, angles = Play(7, 7, 0.1, 50.0, 2.0), np.zeros(crafts["paper"].nv - 6)
@@ -288,8 +310,13 @@ BEGINNING = (  # what they add is in no table of the craft itself
 )
 
 
+ROTOR = GearCompliance(**SWINGING | ROTORS["carried round"] | {"name": "gear"})
+
+
 @pytest.mark.parametrize(
-    "more", [(), (RUB, SOFT), BEGINNING], ids=["rigid", "friction and a softer panel", "both from nothing"]
+    "more",
+    [(), (RUB, SOFT), BEGINNING, (RUB, SOFT, ROTOR)],
+    ids=["rigid", "friction and a softer panel", "both from nothing", "and a rotor"],
 )
 @pytest.mark.parametrize("sensed", ("plain", "late"))
 def test_a_pass_with_parameters_is_the_plain_one(crafts, sensed, more):
@@ -299,6 +326,7 @@ def test_a_pass_with_parameters_is_the_plain_one(crafts, sensed, more):
     description = description.with_effects(gain, *more)
     names = [n for n in FOLLOW if not (more and n.startswith("panel"))]  # a beam is followed by its density
     names += ["rub.viscous", "rub.coulomb", "soft.factor", "panel.density"] if more else []
+    names += ["gear.compliance", "gear.motor_inertia", "gear.carried"] if ROTOR in more else []
     follow = dict.fromkeys(names) | {names[0]: (None, 0.1), "gain.error.x": (0.0, 0.01)}
     tracker, rng = Tracker(description, follow=follow), np.random.default_rng(2)
     f = tracker.filter
