@@ -101,7 +101,10 @@ def cut_sensitivity(change: Sensitivity, run: FilterRun, begin: float, end: floa
 
     at = run.states.time
     return Sensitivity(
-        within(change.middle, run.middle.time), within(change.at, at), within(change.reading, at)
+        within(change.middle, run.middle.time),
+        within(change.at, at),
+        within(change.reading, at),
+        within(change.ahead, run.middle.time),
     )
 
 

@@ -24,6 +24,7 @@ from smsid.diagnose.model_comparison import (
     accept,
     simplest_law,
     wald,
+    with_dynamics,
     with_further,
 )
 from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse, refit_noise, with_misfit
@@ -284,7 +285,9 @@ class State:
         within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
-        strong = cause.ratio > levels.linear
+        moving = self._in_motion(cause, found) if self.fitted.misfit else found
+        strong = cause.ratio > levels.linear or moving is not found
+        found = moving
         counted, before = self.fitted.misfit, self.current.run
         self._move(found, strong=strong)
         self._out.update(c.score.candidate.key for c in within)
@@ -295,6 +298,16 @@ class State:
             self._score_anew()
         else:
             self._score_again(before)
+
+    def _in_motion(self, cause: Cause, found: MapFit) -> MapFit:
+        """Return a fit with a cause in motion, if that explains what is counted as misfit."""
+        data = found.problem.data.scaled(1.0 / self.fitted.factors)
+        rest = evaluate(found.point, found.unknowns, replace(found.problem, data=data))
+        moving = with_dynamics(rest, cause.score.candidate)
+        if moving is rest or normalised_rmse(moving.run) > THRESHOLDS.misfit:
+            return found
+        problem = replace(moving.problem, data=found.problem.data)
+        return evaluate(moving.point, moving.unknowns, problem)
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)

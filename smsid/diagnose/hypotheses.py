@@ -157,7 +157,7 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             if turning:  # else no link carries the rotor round
                 prior["carried"], springy["carried"] = CARRIED, 0.1
             gear = at | {"quasistatic": True, "inertia_in_link": True, "prior": prior}
-            yield from _one("gear_compliance", name, "compliance", gear, springy)
+            yield from _one("gear_compliance", name, "compliance", gear, springy, ["damping"])
             crossing = ["turn_torque", "sharpness"]
             for c in _one("backlash", name, "backlash", gear, {"gap": 1e-6}, crossing):
                 yield _profiled(c, "turn_torque", CROSSED, "tau", int(v))

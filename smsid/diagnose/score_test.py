@@ -93,7 +93,7 @@ class Candidate:
         if self.effect is None:
             unknowns = self.unknowns(nominal)
             scaled = columns_of(changes, unknowns)
-            return [_times(c, u.scale) for c, u in zip(scaled, unknowns, strict=True)]
+            return [c.times(u.scale) for c, u in zip(scaled, unknowns, strict=True)]
         plain = self.instance(changes.point)
         found = self._joint_torques(plain, changes)
         if found:
@@ -102,7 +102,7 @@ class Candidate:
             p = next(p for p in plain.parameters() if p.name == name)
             sign = 1.0 if p.value + step <= p.upper else -1.0
             changed = plain.with_values({name: p.value + sign * step})
-            found.append(_times(changes.effect(plain, changed, sign * step), step))
+            found.append(changes.effect(plain, changed, sign * step).times(step))
         return found
 
     def _joint_torques(self, plain: Effect, changes: Sensitivities) -> list[Sensitivity]:
@@ -348,9 +348,3 @@ def correlation(first: Score, second: Score) -> float:
         u, values, _ = np.linalg.svd(s.columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
         bases.append(u[:, values > 1e-6])
     return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False).max(initial=0.0))
-
-
-def _times(change: Sensitivity, factor: float) -> Sensitivity:
-    return Sensitivity(
-        *(None if x is None else factor * x for x in (change.middle, change.at, change.reading))
-    )

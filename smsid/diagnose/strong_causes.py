@@ -14,7 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.model_comparison import Cause, as_fitted, unfitted_parameters
+from smsid.diagnose.model_comparison import (
+    Cause,
+    as_fitted,
+    strengths,
+    unfitted_parameters,
+    with_dynamics,
+)
 from smsid.diagnose.noise_covariance import MISFIT, normalised_rmse
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.score_test import Candidate, scored, signatures
@@ -102,10 +108,11 @@ def _starts(
         if candidate.effect is None:
             continue
         effect = candidate.instance(point)
-        values = [effect.strong.get(name.split(".")[1], ()) for name in candidate.free]
+        names = [n for n, strong in zip(candidate.free, strengths(candidate), strict=True) if strong]
+        values = [effect.strong.get(name.split(".")[1], ()) for name in names]
         if not all(values):
             continue
-        for name, strong_ones in zip(candidate.free, values, strict=True):
+        for name, strong_ones in zip(names, values, strict=True):
             for value in strong_ones:
                 try:
                     strong = effect.with_values({name: value})
@@ -153,6 +160,8 @@ def _fit_with_less_process_noise(
         for share in SHARES[1:]:
             point = fit(point, unknowns, loosen_model(point.model(), problem, share), iterations=6).point
         found = fit(point, unknowns, problem, iterations=10)
+        if normalised_rmse(found.run) > MISFIT:
+            found = with_dynamics(found, candidate, start)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("%s does not follow: %s", candidate.key, error)
         return None

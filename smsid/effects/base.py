@@ -118,6 +118,16 @@ class Effect(Table):
                 )
         return self
 
+    def with_dynamics(self) -> tuple[tuple[Effect, float], ...]:
+        """Return it with motions of its own that it may have where it is taken at rest, slow and quick ones,
+        each with the longest step [s] that integrates it.
+        """
+        return ()
+
+    def is_quick(self) -> bool:
+        """Whether it has a motion of its own that may come to rest between two samples."""
+        return False
+
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the physical parameters, named ``<effect>.<field>`` or ``<effect>.<field>.<axis>``.
 

@@ -83,7 +83,7 @@ class HandedOn(ForceLaw):
     by_place = by_rate = False
 
     def __init__(self, row: int, giver: int) -> None:
-        super().__init__([row, giver], (), ())
+        super().__init__([row, giver], (), np.zeros(0))
 
     def by_load(self) -> float:
         """Return how much of it goes by the applied force: all."""

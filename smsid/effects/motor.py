@@ -30,6 +30,8 @@ from smsid.effects.force_laws import HandedOn, Play, SharedFriction
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia, Rotor
 
+SWINGS = (0.01, 0.03)  # [s] of a rotor on its spring, over 2 pi; quicker, it follows the torque
+
 
 @register
 class MotorInertia(JointEffect):
@@ -168,6 +170,10 @@ class ElasticGear(JointEffect):
         """Whether the gear does not give."""
         raise NotImplementedError
 
+    def is_quick(self) -> bool:
+        """Whether the rotor swings on its gear."""
+        return not (self.quasistatic or self.rigid())
+
     def bent(self, torque: np.ndarray) -> np.ndarray:
         """Return the twist [rad] at rest under torques [N m] of any shape."""
         raise NotImplementedError
@@ -223,6 +229,7 @@ class GearCompliance(ElasticGear):
     summary = "elastic gear of a joint"
     aliases = ("backlash", "motor_inertia", "actuator_delay")
     strength = ("compliance", "motor_inertia")
+    strong = {"compliance": (3e-5, 1e-4, 3e-4, 1e-3), "motor_inertia": (0.3,)}
     in_words = "the gear of {place} is elastic"
     kind: Literal["gear_compliance"] = "gear_compliance"
     compliance: float = physical("rad/(N m)", lower=0.0, default=0.0, description="twist per torque")
@@ -231,6 +238,23 @@ class GearCompliance(ElasticGear):
     def rigid(self) -> bool:
         """Whether the gear does not give."""
         return self.compliance == 0.0
+
+    def with_dynamics(self) -> tuple[tuple[Effect, float], ...]:
+        """Return it with the rotor swinging on its spring, half damped, in `SWINGS` that a rotor lighter than
+        the prior's can have: at rest, it tells little of its inertia.
+        """
+        if self.rigid() or not self.quasistatic:
+            return ()
+        largest = self.prior.get("motor_inertia", np.inf)
+        rotors = [(swing**2 / self.compliance, swing) for swing in SWINGS]
+        return tuple(
+            (
+                self.model_copy(update={"motor_inertia": i, "damping": i / swing, "quasistatic": False}),
+                swing / 4.0,
+            )
+            for i, swing in rotors
+            if i < largest
+        )
 
     def bent(self, torque: np.ndarray) -> np.ndarray:
         """Return compliance times torque."""

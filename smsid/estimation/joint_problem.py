@@ -199,8 +199,14 @@ class JointSensitivities(Sensitivities):
         if changed.name not in self.point.within:
             return found
         here = samples_in(self.problem, self.point.within[changed.name])[:, None]
-        parts = ((found.middle, here[:-1] & here[1:]), (found.at, here), (found.reading, here))
+        way = here[:-1] & here[1:]
+        parts = ((found.middle, way), (found.at, here), (found.reading, here), (found.ahead, way))
         return Sensitivity(*(None if x is None else x * there for x, there in parts))
+
+    def _difference_ahead(self, origin: SpacecraftModel, model: SpacecraftModel) -> np.ndarray:
+        none = np.zeros((1, 2 * model.nv))  # where recordings meet
+        found = [s._difference_ahead(origin, model) for s in self.each]
+        return np.concatenate([x for f in found for x in (f, none)][:-1])
 
     def _applied(self, model: SpacecraftModel) -> AppliedForces:
         found = [

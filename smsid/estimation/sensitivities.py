@@ -19,23 +19,32 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel.derivatives import forces_along
+from smsid.kernel.filter import steps_ahead
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
 
 BACK = 1e-4  # [s] how far back a reading is compared for its rate
 DIFFERENCE = 1e-4  # step of a difference, in scales of the parameter
+LITTLE = 0.01  # share of a parameter's value: with steps of far less a difference is of rounding
 BLOCK = 16  # samples whose columns are written at once: a transposition is slow row by row
 
 
 @dataclass(frozen=True)
 class Sensitivity:
     """Derivatives by one parameter: of the acceleration between samples (N - 1, nv) and at them (N, nv), and
-    of the readings at fixed motion (N, rows); ``None`` where there is none.
+    of the readings at fixed motion (N, rows); ``None`` where there is none. ``ahead`` (N - 1, 2 nv), tangent
+    and rates, is of the state at the next sample, where what happens within the way there is not held.
     """
 
     middle: np.ndarray | None = None
     at: np.ndarray | None = None
     reading: np.ndarray | None = None
+    ahead: np.ndarray | None = None
+
+    def times(self, factor: float | np.ndarray) -> Sensitivity:
+        """Return it ``factor`` times."""
+        parts = (self.middle, self.at, self.reading, self.ahead)
+        return Sensitivity(*(None if x is None else factor * x for x in parts))
 
 
 class Sensitivities:
@@ -111,7 +120,37 @@ class Sensitivities:
                 middle = np.matmul(self.run.middle_inverse, pushed[0][:, :, None])[:, :, 0] / step
                 at = np.matmul(self.run.inverse, pushed[1][:, :, None])[:, :, 0] / step
         reading = self._reading(base, other, origin, model)
-        return Sensitivity(middle, at, None if reading is None else reading / step)
+        ahead = None
+        if forces and changed.is_quick():
+            middle, ahead = None, self._difference_ahead(origin, model) / step
+        return Sensitivity(middle, at, None if reading is None else reading / step, ahead)
+
+    def _difference_ahead(self, origin: SpacecraftModel, model: SpacecraftModel) -> np.ndarray:
+        """Return by how much the state at the next sample (N - 1, 2 nv) differs in another model."""
+        (q, v), (other_q, other_v) = self._state_ahead(origin), self._state_ahead(model)
+        turned = [pin.difference(self.model.pin, *x) for x in zip(q, other_q, strict=True)]
+        return np.hstack([np.array(turned).reshape(v.shape), other_v - v])
+
+    def _state_ahead(self, model: SpacecraftModel) -> tuple[np.ndarray, np.ndarray]:
+        """Return q (N - 1, nq) and v (N - 1, nv) at the next sample, from where each sample left them."""
+        run, moves, nv = self.run, len(self.run.transition), self.model.nv
+        step = np.einsum("nij,nj->ni", run.gain[:moves], run.errors[:moves])
+        here = zip(run.states.q[:moves], step[:, :nv], strict=True)
+        q = np.array([pin.integrate(self.model.pin, *x) for x in here]).reshape(moves, self.model.nq)
+        v = run.states.v[:moves] + step[:, nv : 2 * nv]
+        own = self._applied(model)
+        means = own.means + (run.middle.tau - self.applied.middle)[:, None]  # with unknown inputs
+        plant = ProcessModel(model, self.problem.locked)
+        kernel = plant.kernel() if compiled_pays() else None
+        if kernel is not None:
+            steps_ahead(*kernel.arrays, run.edges, q, v, means, own.rise)
+            return q, v
+        parts = means.shape[1]
+        for k, h in enumerate(np.diff(run.edges[: moves + 1]) / parts):
+            for s in range(parts):
+                here = run.edges[k] + s * h
+                q[k], v[k] = plant.step(here, h, q[k], v[k], means[k, s], own.rise[k, s])
+        return q, v
 
     def _applied(self, model: SpacecraftModel) -> AppliedForces:
         process = ProcessModel(model, self.problem.locked)
@@ -136,7 +175,7 @@ class Sensitivities:
     def unknown(self, unknown: Unknown) -> Sensitivity:
         """Return the change by a parameter of an effect the point has, by a difference."""
         value, owner = self.point.value(unknown), unknown.name.partition(".")[0]
-        step = DIFFERENCE * unknown.scale
+        step = DIFFERENCE * max(unknown.scale, LITTLE * abs(value))
         step = step if value + step <= unknown.upper else -step
         mine, more = (
             p.description.get_effect(owner)
@@ -256,6 +295,7 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray 
     # what is alike stands together: adding to scattered columns is slow
     order = sorted(range(m), key=lambda i: (changes[i].at is None, changes[i].reading is not None))
     pushed, middle = _stacked([changes[i].middle for i in order])
+    led, ahead = _stacked([changes[i].ahead for i in order])
     moved, at = _stacked([changes[i].at for i in order])
     seen, reading = _stacked([changes[i].reading for i in order])
     out = np.empty((m, n, rows))
@@ -274,6 +314,8 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray 
             now = run.transition[k] @ (now - run.gain[k] @ predicted)
             if middle is not None:
                 now[:, pushed] += run.forcing[k] @ middle[:, k].T
+            if ahead is not None:
+                now[: ahead.shape[2], led] += ahead[:, k].T
     if delta is not None:
         delta[:, order] = now
     return out.transpose(1, 2, 0)

@@ -131,6 +131,25 @@ def step_ahead(tree, bodies, root, q, v, tau, rise, h, stages, out_q):
     move(tree, root, q, y[:nv], out_q)
 
 
+@compiled_and_cached
+def steps_ahead(tree, bodies, root, edges, q, v, means, rise):
+    """Replace q (n, nq) and v (n, nv) at ``edges`` [s] by those at the next, each from its own, under forces
+    ``means`` and their half ``rise`` (n, substeps, nv).
+    """
+    n, count, nv, joints = means.shape[0], means.shape[1], v.shape[1], len(tree)
+    stages = (
+        workspace(joints), np.empty(joints), np.empty(joints), np.empty((4, 2 * nv)), np.empty(2 * nv),
+        np.empty(nv),
+    )  # fmt: skip
+    moved = np.empty(q.shape[1])
+    for k in range(n):
+        h = (edges[k + 1] - edges[k]) / count
+        for s in range(count):
+            root[TIME] = edges[k] + s * h
+            step_ahead(tree, bodies, root, q[k], v[k], means[k, s], rise[k, s], h, stages, moved)
+            q[k] = moved
+
+
 @compile_inner
 def read_all(tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, derive, out, spare, work):
     """Write what sensors number ``t`` read of a state, also late ones, and if asked the derivatives.

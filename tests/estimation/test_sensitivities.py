@@ -1,11 +1,18 @@
 """What an effect changes along a recorded motion: against all forces of the models with and without it."""
 
+from dataclasses import replace
+
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from smsid.effects import GeometricStiffness, JointFriction
+from smsid.effects import GearCompliance, GeometricStiffness, JointFriction
+from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.sensitivities import Sensitivities
+from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation.parameter_vector import Unknown
+from smsid.estimation.process_model import ProcessModel
+from smsid.estimation.sensitivities import Sensitivities, propagate
 from smsid.kernel.jit import SWITCH
 
 THERE = (
@@ -69,3 +76,50 @@ def test_what_a_softer_panel_changes_is_compiled_as_it_is_plainly(known, problem
         ours, exact = (getattr(x, name) for x in found)
         assert np.abs(exact).max() > 0.0
         np.testing.assert_allclose(ours, exact, rtol=0.0, atol=1e-10 * np.abs(exact).max())
+
+
+FEW = 40  # samples
+
+
+def predicted_with_gains_of(run, point, problem, forces):
+    """What a model predicts that is corrected by the gains of another's run: by Pinocchio, step by step."""
+    model, q, v = point.model(), run.states.q[0], run.states.v[0]
+    plant = ProcessModel(model, problem.locked)
+    outputs = MeasurementModel(model, problem.data, problem.locked)
+    out = np.empty((FEW, problem.data.rows))
+    for k, tau in enumerate(run.states.tau[:FEW]):
+        out[k] = outputs.predict(q, v, plant.acceleration(run.edges[k], q, v, tau))[0]
+        step = run.gain[k] @ (run.errors[k] + run.predicted[k] - out[k])
+        q, v = pin.integrate(model.pin, q, step[: model.nv]), v + step[model.nv : 2 * model.nv]
+        h = (run.edges[k + 1] - run.edges[k]) / len(forces.means[k])
+        for i, drive in enumerate(zip(forces.means[k], forces.rise[k], strict=True)):
+            q, v = plant.step(run.edges[k] + i * h, h, q, v, *drive)
+    return out
+
+
+@pytest.mark.parametrize("name", ["compliance", "motor_inertia", "damping", "carried"])
+def test_a_rotor_that_comes_to_rest_between_samples_tells_of_itself(known, problem, name):
+    """The acceleration half-way tells nothing of such motion."""
+    swing, compliance = 5e-3, 1e-4
+    gear = GearCompliance(
+        name="gear", joint="joint2", compliance=compliance, motor_inertia=swing**2 / compliance,
+        damping=swing / compliance, carried=0.3, inertia_in_link=True, quasistatic=False,
+    )  # fmt: skip
+    values = problem.data.values.copy()
+    for block in problem.data.blocks:
+        if block.quantity == "attitude":  # whose errors are no differences
+            values[:, block.rows] = np.nan
+    problem = replace(problem, substep=1e-3, data=replace(problem.data, values=values))
+    point = known.point.with_effect(gear)
+    run = run_filter(point.model(), at_point(point, problem))
+    changes = Sensitivities(point, point.model(), problem, run)
+    value, beside = getattr(gear, name), []
+    unknown = Unknown(f"gear.{name}", "effect", "", value, np.inf, 0.1 * value)
+    column = propagate(run, [changes.unknown(unknown)])[:FEW, :, 0]
+    for step in (1e-3 * value, -1e-3 * value):
+        other = point.moved([unknown], np.array([step]))
+        beside.append(predicted_with_gains_of(run, other, problem, changes.applied))
+    change = np.einsum("nij,nj->ni", run.whitening[:FEW], beside[0] - beside[1]) / (2e-3 * value)
+    size = np.linalg.norm(change)
+    assert size > 0.0
+    assert np.linalg.norm(column - change) < 0.01 * size

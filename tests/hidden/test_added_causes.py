@@ -22,6 +22,8 @@ QUICK = [
 ]
 SLOW = [
     *(("rigid", "gear_compliance:compliance@joint2", s, None) for s in (3.0, 10.0, 100.0)),
+    ("arm", "gear_compliance:compliance@joint3", 1e4, None),  # the rotor swings
+    *(("rigid", "gear_compliance:compliance@joint2", s, None) for s in (1e3, 1e5)),
     *(("rigid", "backlash:gap@joint3", s, None) for s in (3.0, 10.0, 100.0)),
     *(("sms", "slosh:second@tank2", s, None) for s in (3.0, 10.0, 100.0)),
     *(("panel", "extra_mode:mass@panel", s, None) for s in (3.0, 10.0, 100.0)),
