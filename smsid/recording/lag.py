@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads a part of it when that is used
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
@@ -104,7 +103,8 @@ def _peak(reference: np.ndarray, wide: np.ndarray, steps: int, rate: float) -> t
     """
     a = reference - reference.mean()
     n = a.size
-    product = scipy.signal.correlate(wide, a, mode="valid", method="fft")
+    size = 2 ** (wide.size - 1).bit_length()
+    product = np.fft.irfft(np.fft.rfft(wide, size) * np.fft.rfft(a, size).conj(), size)[: wide.size - n + 1]
     ones = np.concatenate([[0.0], np.cumsum(wide)]), np.concatenate([[0.0], np.cumsum(wide**2)])
     sums, squares = (c[n:] - c[:-n] for c in ones)
     spread = np.sqrt(np.maximum(squares - sums**2 / n, 0.0)) * np.linalg.norm(a)

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy  # loads a part of it when that is used
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
+from smsid._recursion import filtered
 from smsid._time_text import time_text
 from smsid.errors import RecordingError
 from smsid.sensing._signals import FloatArray
@@ -36,8 +36,12 @@ def zero_phase(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
         RecordingError: cutoff not below Nyquist, a sample not finite, or a record shorter than one period of
             the cutoff.
     """
-    data, sos, pad = _prepare(x, rate, cutoff)
-    return np.asarray(scipy.signal.sosfiltfilt(sos, data, axis=0, padlen=pad))
+    data, sections, pad = _prepare(x, rate, cutoff)
+    before, after = 2.0 * data[0] - data[pad:0:-1], 2.0 * data[-1] - data[-2 : -pad - 2 : -1]
+    wide = np.concatenate([before, data, after])
+    for _ in range(2):  # settled at the first sample, which a low-pass lets through as it is
+        wide = (wide[0] + _low_passed(wide - wide[0], sections))[::-1]
+    return wide[pad : pad + data.shape[0]]
 
 
 def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
@@ -54,16 +58,16 @@ def zero_phase_transposed(x: ArrayLike, rate: float, cutoff: float) -> FloatArra
     Raises:
         RecordingError: as `zero_phase`.
     """
-    data, sos, pad = _prepare(x, rate, cutoff)
+    data, sections, pad = _prepare(x, rate, cutoff)
     n = data.shape[0]
     wide = np.concatenate([np.zeros((pad, *data.shape[1:])), data, np.zeros((pad, *data.shape[1:]))])
-    wide = scipy.signal.sosfilt(sos, scipy.signal.sosfilt(sos, wide, axis=0)[::-1], axis=0)[::-1]
+    wide = _low_passed(_low_passed(wide, sections)[::-1], sections)[::-1]
     left, out, right = wide[:pad], wide[pad : pad + n].copy(), wide[pad + n :]
     out[0] += 2.0 * left.sum(axis=0)
     out[1 : pad + 1] -= left[::-1]
     out[-1] += 2.0 * right.sum(axis=0)
     out[n - 1 - pad : n - 1] -= right[::-1]
-    return np.asarray(out)
+    return out
 
 
 def differentiate(x: ArrayLike, rate: float, cutoff: float) -> FloatArray:
@@ -117,8 +121,32 @@ def settling_time(cutoff: float) -> float:
     return math.log(1e4) / (2.0 * math.pi * cutoff * math.sin(math.pi / (2 * ORDER)))
 
 
-def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, FloatArray, int]:
-    """Return the samples, the filter, and by how many samples to extend them at both ends."""
+def butterworth(rate: float, cutoff: float) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the low-pass as sections ``b``, ``a`` (3,) that each let a constant through as it is.
+
+    The bilinear transform of the analogue filter, whose cutoff is moved so that the digital one's is
+    ``cutoff`` [Hz] of samples at ``rate`` [Hz]; -3 dB there.
+    """
+    w = math.tan(math.pi * cutoff / rate)
+    sections = []
+    for angle in (math.pi * (2 * k + 1) / (2 * ORDER) for k in range(ORDER // 2)):
+        damped = 2.0 * w * math.sin(angle)
+        size = 1.0 + damped + w * w
+        a = np.array([size, 2.0 * (w * w - 1.0), 1.0 - damped + w * w]) / size
+        sections.append((w * w / size * np.array([1.0, 2.0, 1.0]), a))
+    return sections
+
+
+def _low_passed(x: FloatArray, sections: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    for b, a in sections:
+        x = filtered(b, a, x)
+    return x
+
+
+def _prepare(
+    x: ArrayLike, rate: float, cutoff: float
+) -> tuple[FloatArray, list[tuple[FloatArray, FloatArray]], int]:
+    """Return the samples, the filter's sections, and by how many samples to extend them at both ends."""
     if not (math.isfinite(rate) and 0.0 < cutoff < 0.5 * rate):
         raise RecordingError(
             f"A cutoff of {cutoff} Hz is not between 0 and Nyquist, {0.5 * rate} Hz, of a rate of {rate} Hz.",
@@ -146,5 +174,4 @@ def _prepare(x: ArrayLike, rate: float, cutoff: float) -> tuple[FloatArray, Floa
             advice="Filters spread them over the record; cut or fill them first.",
             samples=bad,
         )
-    sos = np.asarray(scipy.signal.butter(ORDER, cutoff, fs=rate, output="sos"))
-    return data, sos, min(wanted, samples - 1)
+    return data, butterworth(rate, cutoff), min(wanted, samples - 1)

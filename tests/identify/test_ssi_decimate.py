@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from smsid.errors import NotIdentifiableError
 from smsid.identify.ssi_decimate import decimate, filter_length
@@ -18,6 +19,16 @@ def test_passes_slow_waves_in_phase_and_stops_what_would_alias(factor):
     middle = filter_length(factor) // 2
     np.testing.assert_allclose(y[:, 0], slow[middle : samples - middle : factor], atol=2e-4)
     assert np.abs(y[:, 1]).max() < 2e-4
+
+
+@pytest.mark.parametrize("factor", [2, 3, 16])
+def test_it_is_the_filter_of_scipy(factor):
+    x = np.random.default_rng(0).standard_normal((3001, 2))
+    taps = signal.kaiserord(80.0, 0.5 / factor)[0] | 1
+    assert filter_length(factor) == taps
+    window = signal.firwin(taps, 0.75 / factor, window=("kaiser", signal.kaiser_beta(80.0)))
+    wanted = signal.oaconvolve(x, window[:, None], mode="valid", axes=0)[::factor]
+    np.testing.assert_allclose(decimate(x, 10.0, factor)[0], wanted, rtol=0.0, atol=1e-12)
 
 
 def test_constant_and_untouched():

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # loads a part of it when that is used
 
+from smsid._recursion import filtered
 from smsid.errors import NotIdentifiableError
 from smsid.identify.paper.axis_parameters import Kind, fractions, parameter_names, tied_parameters
 from smsid.identify.paper.translation import (
@@ -280,16 +280,16 @@ def whiten(x: np.ndarray, step: float, sections: Sequence[Section]) -> np.ndarra
         lever = 0.5 * step * (beta + 0.5 * kappa * step)
         second = -lever / (1.0 + lever)  # of a unit first sample: the trapezoid starts at zero there
         start = np.array([1.0 - b[0], second - b[1] + a[1]])
-        y = scipy.signal.lfilter(b, a, y, axis=0, zi=start.reshape(2, *(1,) * (y.ndim - 1)) * y[:1])[0]
+        y = filtered(b, a, y, start.reshape(2, *(1,) * (y.ndim - 1)) * y[:1])
     return y
 
 
 def whiten_transposed(rows: np.ndarray, step: float, sections: Sequence[Section]) -> np.ndarray:
     """Apply the transpose of `whiten` to rows (n, N); exact but for the first sample, of order ``step``."""
-    y = rows[:, ::-1]
+    y = rows.T[::-1]
     for beta, kappa in sections:
-        y = np.asarray(scipy.signal.lfilter(*_coefficients(beta, kappa, step), y, axis=1))
-    return y[:, ::-1]
+        y = filtered(*_coefficients(beta, kappa, step), y)
+    return y[::-1].T
 
 
 def _coefficients(beta: float, kappa: float, step: float) -> tuple[np.ndarray, np.ndarray]:
