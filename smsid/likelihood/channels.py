@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cholesky_banded
 from scipy.sparse import csr_array, diags_array
-from scipy.spatial.transform import Rotation
 
 from smsid.errors import RecordingError
 from smsid.identify.clocks import event_times
@@ -18,6 +17,7 @@ from smsid.likelihood.time_grid import POINTS, Timeline
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import find_appendage
 from smsid.recording import Recording
+from smsid.recording._attitude import turn_between
 from smsid.sensing import Sensor
 
 QUANTITIES = ("position", "attitude", "velocity", "angular_rate", "acceleration")
@@ -107,7 +107,7 @@ class Channel:
         """
         predicted = self.at_samples(nodes) if weights is None else weights @ nodes
         if self.quantity == "attitude":
-            return (Rotation.from_quat(predicted).inv() * Rotation.from_quat(self.values)).as_rotvec()
+            return turn_between(predicted, self.values)
         return self.values - predicted if bias is None else self.values - predicted - bias
 
 
@@ -219,9 +219,8 @@ def described_sigma(sensor: Sensor, quantity: str, width: int) -> np.ndarray:
 
 def _noise(values: np.ndarray, quantity: str) -> np.ndarray:
     if quantity == "attitude":
-        turn = Rotation.from_quat(values[:-1]).inv() * Rotation.from_quat(values[1:])
         # increments of the rotation vector: their second differences are third ones of the angle
-        d = np.diff(turn.as_rotvec(), n=2, axis=0)
+        d = np.diff(turn_between(values[:-1], values[1:]), n=2, axis=0)
         sigma = np.median(np.abs(d), axis=0) / 0.6744897501960817 / np.sqrt(20.0)
     else:
         sigma = np.asarray(white_sigma(values))

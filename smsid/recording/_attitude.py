@@ -1,4 +1,4 @@
-"""Quaternions (x, y, z, w), body to inertial, on plain arrays; scipy's rotations take time to load."""
+"""Quaternions (x, y, z, w), body to inertial, on plain arrays: many times faster than scipy's rotations."""
 
 from __future__ import annotations
 
@@ -13,18 +13,33 @@ def conjugate(q: FloatArray) -> FloatArray:
     return q * np.array([-1.0, -1.0, -1.0, 1.0])
 
 
+def product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Multiply quaternions a, b (N, 4): what b turns a turns further."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a.T, b.T
+    x = aw * bx + ax * bw + ay * bz - az * by
+    y = aw * by - ax * bz + ay * bw + az * bx
+    z = aw * bz + ax * by - ay * bx + az * bw
+    return np.stack([x, y, z, aw * bw - ax * bx - ay * by - az * bz], axis=1)
+
+
 def turn_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Give the rotation vectors (N, 3) [rad], the shorter way round, from attitudes a to b, both (N, 4)."""
-    from scipy.spatial.transform import Rotation
-
-    return (Rotation.from_quat(a).inv() * Rotation.from_quat(b)).as_rotvec()
+    turn = product(conjugate(a), b)
+    size = np.linalg.norm(turn[:, :3], axis=1)
+    half = np.arctan2(size, np.abs(turn[:, 3]))
+    scale = np.divide(half, size, out=1.0 / np.linalg.norm(turn, axis=1), where=size > 0.0)
+    return turn[:, :3] * (np.copysign(2.0, turn[:, 3]) * scale)[:, None]
 
 
 def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
     """Turn vectors v (N, ..., 3) by q (N, 4), from body to inertial axes (by the conjugate: back)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.einsum("nij,n...j->n...i", Rotation.from_quat(q).as_matrix(), v)
+    x, y, z, w = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.einsum("ijn,n...j->n...i", np.array(rows), v)
 
 
 def slerp(t: FloatArray, q: FloatArray, at: FloatArray) -> FloatArray:
@@ -35,10 +50,13 @@ def slerp(t: FloatArray, q: FloatArray, at: FloatArray) -> FloatArray:
         q: (N, 4) quaternions; they are normalised.
         at: (M,) times within ``t`` [s].
     """
-    from scipy.spatial.transform import Rotation, Slerp
-
+    unit = q / np.linalg.norm(q, axis=1, keepdims=True)
     if t.size == 1:
-        return np.repeat(Rotation.from_quat(q).as_quat(), at.size, axis=0)
-    found = Slerp(t, Rotation.from_quat(q))(at).as_quat()
-    before = q[np.searchsorted(t, at, side="right") - 1]  # whose sign is kept
-    return np.where(np.sum(found * before, axis=1, keepdims=True) < 0.0, -found, found)
+        return np.repeat(unit, at.size, axis=0)
+    last = np.searchsorted(t, at, side="right") - 1  # whose sign is kept
+    k = np.minimum(last, t.size - 2)
+    half = turn_between(unit[k], unit[k + 1]) * (0.5 * (at - t[k]) / (t[k + 1] - t[k]))[:, None]
+    size = np.linalg.norm(half, axis=1, keepdims=True)
+    turn = np.hstack([half * np.sinc(size / np.pi), np.cos(size)])
+    found = product(unit[k], turn)
+    return np.where(np.sum(found * unit[last], axis=1, keepdims=True) < 0.0, -found, found)
