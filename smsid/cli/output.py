@@ -112,6 +112,9 @@ def show_spinner(label: str) -> Iterator[Callable[[str], None]]:
 
     Yields a function that changes the label. Nothing is left on the screen.
     """
+    if not _is_watched():  # rich's columns take time to load
+        yield lambda text: None
+        return
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (
@@ -132,6 +135,9 @@ def show_progress(label: str, total: float = 0.0, unit: str = "") -> Iterator[Ca
 
     It also takes another ``total``, and a ``note`` behind the label.
     """
+    if not _is_watched():
+        yield lambda done, total=None, note="": None
+        return
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
     amount = TextColumn("{task.completed:.0f}/{task.total:.0f} " + unit)
@@ -144,15 +150,17 @@ def show_progress(label: str, total: float = 0.0, unit: str = "") -> Iterator[Ca
         yield tell
 
 
+def _is_watched() -> bool:
+    return not _now.quiet and error_console().is_terminal
+
+
 def _bar(*columns: object) -> Progress:
     from rich.progress import Progress
 
-    shown = error_console()
     return Progress(
         *columns,  # type: ignore[arg-type]
-        console=shown,
+        console=error_console(),
         transient=True,
-        disable=_now.quiet or not shown.is_terminal,
         redirect_stdout=False,  # results go where the user sends them, not to stderr
         redirect_stderr=False,
     )

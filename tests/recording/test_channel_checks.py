@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import median_filter
 
 from smsid.errors import InconsistentChannelsError
 from smsid.estimation.flight import flight_of
@@ -16,6 +17,7 @@ from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.recording.checks import channel_findings
+from smsid.recording.checks.sample_faults import running_median
 
 from .samples import recording
 
@@ -215,3 +217,9 @@ def test_a_fault_of_a_long_recording_is_found_by_some_of_its_spans():
     found = long.with_channels({name: late}).contradictions().findings
     (delay,) = [f for f in found if f.other == "encoder.joint_position"]
     assert delay.kind == "delay" and delay.numbers[0] == pytest.approx(0.3, abs=0.02)
+
+
+@pytest.mark.parametrize("count", [1, 3, 5000])
+def test_the_running_median_is_that_of_scipy(count):
+    x = np.random.default_rng(0).integers(0, 50, count).astype(float)  # with ties
+    np.testing.assert_array_equal(running_median(x), median_filter(x, size=7, mode="nearest"))

@@ -46,7 +46,7 @@ class MomentumResult:
     hidden: HiddenStates
     a: StepA
     b: Regression
-    a_printed: StepA
+    a_printed: StepA | None
     b_printed: Regression | None
     parameters: tuple[ParameterEstimate, ...]
     timing: dict[str, float]
@@ -75,8 +75,8 @@ def identify_momentum(
     are the model and mass with the results of Exp. 1 moved by a standard deviation in one direction after the
     other: what that moves is added to the covariance. ``refine`` corrects the tracked point first
     (`refine_pose_point`). ``described`` is the model that nominal values are taken from (default: ``model``).
-    Without ``replicates`` of the noise, covariances are those of the regressions alone, and Step B as printed
-    is left out.
+    Without ``replicates`` of the noise, covariances are those of the regressions alone, and the steps as
+    printed are left out.
 
     Raises `RecordingError` for missing or unusable channels, `NotIdentifiableError` when the recording cannot
     identify inertia, saying why.
@@ -111,9 +111,9 @@ def identify_momentum(
     a = timed("Step A", lambda: step_a(model, motion, hidden, mass))
     b = timed("Step B", lambda: step_b(model, motion, hidden, mass, a.position))
     without = hidden.without_slosh()
-    a_printed = step_a(model, motion, without, mass)
-    b_printed = None
+    a_printed = b_printed = None
     if replicates:
+        a_printed = step_a(model, motion, without, mass)
         try:
             b_printed = timed(
                 "Step B as printed",
