@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from smsid._files import atomic_write, check_target
 from smsid.errors import OutputError, RecordingError
 from smsid.recording._layout import Stored, layout_of_dataset
@@ -28,6 +30,7 @@ SEAL = b"smsid.blake2b-16"
 
 Readers overlook what is behind the end, and programs that change the file cut it off."""
 SUM_SIZE = 16
+NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> Path:
@@ -113,15 +116,27 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
 
 
 def _read_stored(path: str | os.PathLike[str]) -> tuple[Stored, dict[str, Any]]:
-    """Return the variables and attributes of a netCDF-4 file without xarray, whose import takes long."""
-    import h5netcdf
+    """Return the variables and attributes of a netCDF-4 file by HDF5 alone: xarray and h5netcdf take long."""
+    import h5py
 
     check_hdf5(path)
-    with open_hdf5(path) as file, h5netcdf.File(file, "r", decode_vlen_strings=True) as opened:
-        stored = {
-            str(name): (tuple(v.dimensions), v[...], dict(v.attrs)) for name, v in opened.variables.items()
-        }
-        return stored, dict(opened.attrs)
+    with open_hdf5(path) as file:
+        stored: Stored = {}
+        for name, own in file.items():
+            attributes = dict(own.attrs)
+            if isinstance(own, h5py.Group) or bytes(attributes.get("NAME", b"")).startswith(NO_VARIABLE):
+                continue
+            scales = attributes.pop("DIMENSION_LIST", ())
+            dims = (name,) if "CLASS" in attributes else tuple(str(file[s[0]].name)[1:] for s in scales)
+            values = own.asstr()[...] if own.dtype.kind in "OS" else own[...]
+            stored[name] = dims, values, {k: _plain(v) for k, v in attributes.items()}
+        return stored, {k: _plain(v) for k, v in file.attrs.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as a number or string, where it is one."""
+    value = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+    return value.decode() if isinstance(value, bytes) else value
 
 
 def read_dataset(path: str | os.PathLike[str]) -> Dataset:
