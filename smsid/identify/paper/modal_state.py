@@ -161,7 +161,9 @@ def smooth_modes(
         c = s @ a[m:]
         y = panel.excess(motion, motion.panels[name]).reshape(n, -1)[:, use] + drive @ s.T
         r = np.eye(len(s)) * (accelerometer**2 + imu**2)
-        r_inv = np.linalg.inv(r)
+        information = c.T @ np.linalg.inv(r)
+        told = information @ c
+    little = 1e-18 * np.eye(2 * m)
     xs, ps, xf, pf = (
         np.empty((n, 2 * m)),
         np.empty((n, 2 * m, 2 * m)),
@@ -176,12 +178,11 @@ def smooth_modes(
         xs[i], ps[i] = x, p
         if seen and i:  # the start is known, or has had its measurement
             innovation = y[i] - c @ x  # the softening cancels against the points' own centripetal part
-            information = c.T @ r_inv
-            p = np.linalg.inv(np.linalg.inv(p + 1e-18 * np.eye(2 * m)) + information @ c)
+            p = np.linalg.inv(np.linalg.inv(p + little) + told)
             x = x + p @ information @ innovation
         xf[i], pf[i] = x, p
     forward = (xf.copy(), pf) if going_on else None
+    gains = np.linalg.solve(ps[1:] + little, f @ pf[:-1])
     for i in range(n - 2, -1, -1):
-        gain = np.linalg.solve(ps[i + 1] + 1e-18 * np.eye(2 * m), f @ pf[i]).T
-        xf[i] = xf[i] + gain @ (xf[i + 1] - xs[i + 1])
+        xf[i] += (xf[i + 1] - xs[i + 1]) @ gains[i]
     return ModalState(xf[:, :m], xf[:, m:], forward)
