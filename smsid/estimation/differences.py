@@ -22,29 +22,41 @@ from smsid.estimation.normal_equations import (
     BLOCKS,
     CHUNK,
     NormalEquations,
-    Term,
     normal_equations,
     prior_offset,
     problem_at,
 )
-from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.parameter_vector import Point
 from smsid.estimation.retraction import retract
+from smsid.estimation.trust_region import ROUNDED, room_within_bounds, sizes
 
-STEP = 1e-3  # of a difference, in conditional standard deviations of the parameter
+STEP = 1e-3  # of a difference, in standard deviations along an axis
 ALIKE = 0.3  # of its curvature's root, and of a standard deviation, by which a derivative may differ
+EDGE = 10.0  # steps from its bound within which a parameter is moved by itself
 
 
 def difference_equations(found: NormalEquations, flights: Sequence[Flight]) -> NormalEquations:
     """Return the normal equations at the same point, slope and Gram matrix by differences.
 
+    Differences are along the principal axes of ``found``: by single parameters, what little rounding leaves
+    of each would be the slope along what is hardly told, where large slopes cancel.
+
     Raises `SimulationError` where a filter loses its recording.
     """
-    ends = _ends(found, range(len(found.unknowns)))
-    terms = tuple(_term(found.point, f, ends, t) for f, t in zip(flights, found.terms, strict=True))
+    axes = _principal_axes(found)
+    ends = _ends(found, axes.T)
+    back = np.linalg.inv(axes)
+    terms = []
+    for flight, term in zip(flights, found.terms, strict=True):
+        gram, blocks = _differences(found.point, flight, ends)
+        blocks = blocks @ back
+        terms.append(
+            replace(term, gram=back.T @ gram @ back, slope=blocks.sum(axis=0), scatter=blocks.T @ blocks)
+        )
     rate = np.array([u.scale / u.sigma for u in found.unknowns])
     gram = np.sum([t.gram for t in terms], axis=0) + np.diag(rate**2)
     slope = np.sum([t.slope for t in terms], axis=0) - rate * prior_offset(found.point, found.unknowns)
-    return replace(found, terms=terms, gram=gram, slope=slope, exact=True)
+    return replace(found, terms=tuple(terms), gram=gram, slope=slope, exact=True)
 
 
 def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
@@ -67,60 +79,67 @@ def _apart(found: NormalEquations, flights: Sequence[Flight], which: np.ndarray,
 
     Slopes in standard deviations, ``more`` times as large as of these samples.
     """
-    ends = _ends(found, which)
-    exact = [_term(found.point, f, ends, t) for f, t in zip(flights, found.terms, strict=True)]
-    before, now = (np.sum([np.diag(t.gram)[which] for t in x], axis=0) for x in (found.terms, exact))
-    tilt, tilt_now = (np.sum([t.slope[which] for t in x], axis=0) for x in (found.terms, exact))
     size = np.sqrt(np.diag(found.gram)[which])
-    return np.maximum(np.abs(np.sqrt(before) - np.sqrt(now)), more * np.abs(tilt - tilt_now)) / size
+    ends = _ends(found, np.eye(len(found.unknowns))[which] / size[:, None])
+    exact = [_differences(found.point, f, ends) for f in flights]
+    before = np.sum([np.diag(t.gram)[which] for t in found.terms], axis=0) / size**2
+    tilt = np.sum([t.slope[which] for t in found.terms], axis=0) / size
+    now = np.sum([np.diag(gram) for gram, _ in exact], axis=0)
+    tilt_now = np.sum([blocks.sum(axis=0) for _, blocks in exact], axis=0)
+    return np.maximum(np.abs(np.sqrt(before) - np.sqrt(now)), more * np.abs(tilt - tilt_now))
 
 
-Ends = list[tuple[int, Point, float]]
-"""Unknown, the point a step away in it, and the step in its scales: infinite where it has no room."""
+def _principal_axes(found: NormalEquations) -> np.ndarray:
+    """Return axes (m, m), one a column, along each of which one is a standard deviation, in scales.
+
+    Those of the Gram matrix; a parameter at its bound, which may go one way only, is an axis by itself.
+    """
+    size = sizes(found)
+    low, high = (np.abs(x) * size for x in room_within_bounds(found.point, found.unknowns))
+    free = np.minimum(low, high) > EDGE * STEP
+    axes = np.diag(1.0 / size)
+    share, basis = np.linalg.eigh(found.gram[np.ix_(free, free)] / np.outer(size[free], size[free]))
+    axes[np.ix_(free, free)] = basis / np.sqrt(np.maximum(share, ROUNDED)) / size[free, None]
+    return axes
 
 
-def _ends(found: NormalEquations, which: Sequence[int] | np.ndarray) -> Ends:
-    size = np.sqrt(np.diag(found.gram))
-    return [
-        (int(i), *_end(found.point, found.unknowns, i, STEP / (size[i] if size[i] > 0.0 else 1.0)))
-        for i in which
-    ]
+Ends = list[tuple[Point, float]]
+"""The point a step away along an axis, and the step: infinite where there is no room."""
 
 
-def _end(point: Point, unknowns: Sequence[Unknown], i: int, step: float) -> tuple[Point, float]:
-    """Return the point a step (in scales) up in an unknown, or down at its upper bound, and the step."""
-    unknown = unknowns[i]
-    for sign in (1.0, -1.0):
-        moved = np.zeros(len(unknowns))
-        moved[i] = sign * step * unknown.scale
-        end = retract(point, unknowns, moved)
-        width = (end.value(unknown) - point.value(unknown)) / unknown.scale
-        if abs(width) > 0.5 * step:
-            return end, width
-    return point, np.inf  # between its bounds it cannot move: no slope
+def _ends(found: NormalEquations, axes: np.ndarray) -> Ends:
+    """Return the points a step up along ``axes`` (k, m), in scales, or down at a bound."""
+    low, high = room_within_bounds(found.point, found.unknowns)
+    ends = []
+    for axis in axes:
+        for step in (STEP, -STEP):
+            if np.all((low <= step * axis) & (step * axis <= high)):
+                ends.append((retract(found.point, found.unknowns, step * axis * found.scales), step))
+                break
+        else:
+            ends.append((found.point, np.inf))  # between its bounds it cannot move: no slope
+    return ends
 
 
-def _term(point: Point, flight: Flight, ends: Ends, before: Term) -> Term:
-    """Return a recording's part of the normal equations; what has no end is zero."""
-    m = len(before.slope)
-    gram, blocks = np.zeros((m, m)), np.zeros((BLOCKS, m))
-    middle, filters = _filter(point, flight), [_filter(p, flight) for _, p, _ in ends]
-    count, which = len(flight.problem.data.times), [i for i, *_ in ends]
+def _differences(point: Point, flight: Flight, ends: Ends) -> tuple[np.ndarray, np.ndarray]:
+    """Return a recording's Gram matrix (k, k) along axes and the slopes of its `BLOCKS` parts (BLOCKS, k)."""
+    gram, blocks = np.zeros((len(ends), len(ends))), np.zeros((BLOCKS, len(ends)))
+    middle, filters = _filter(point, flight), [_filter(p, flight) for p, _ in ends]
+    count = len(flight.problem.data.times)
     for first in range(0, count, CHUNK):
         here = middle.advance(CHUNK)
         likely, root = _likelihoods(here), _root(here)
         columns, scores = [], np.empty((len(likely), len(ends)))
-        for k, (kalman, (*_, width)) in enumerate(zip(filters, ends, strict=True)):
+        for k, (kalman, (_, width)) in enumerate(zip(filters, ends, strict=True)):
             there = kalman.advance(CHUNK)
             columns.append(_column(here, there, width, root))
             scores[:, k] = (_likelihoods(there) - likely) / width
         flat = np.array(columns)
-        gram[np.ix_(which, which)] += flat @ flat.T
-        places = np.arange(first, first + len(likely)) * BLOCKS // count
-        own = np.zeros((BLOCKS, len(ends)))
-        np.add.at(own, places, scores)
-        blocks[:, which] += own
-    return replace(before, gram=gram, slope=blocks.sum(axis=0), scatter=blocks.T @ blocks)
+        gram += flat @ flat.T
+        np.add.at(blocks, np.arange(first, first + len(likely)) * BLOCKS // count, scores)
+    steps = np.array([0.0 if np.isinf(width) else width for _, width in ends])
+    blocks += 0.5 * steps * np.diag(gram) / BLOCKS  # what a one-sided difference has of the curvature
+    return gram, blocks
 
 
 def _column(here: FilterRun, there: FilterRun, width: float, root: np.ndarray) -> np.ndarray:

@@ -208,6 +208,8 @@ def filter_samples(
     shape = n, rows, len(state.covariance), len(state.values)
     record = _empty_record(len(samples.edges) - 1, *shape, base.model)
     if compiled is not None and compiled_pays():
+        if not compiled_already(kernel.run):
+            LOGGER.info("the filter is compiled, once: some 30 s")
         lost = kernel.run(*compiled, drive, state, samples, record, WILD)
     else:
         began = time.perf_counter()
@@ -221,10 +223,7 @@ def filter_samples(
 def compiled_pays() -> bool:
     """Return whether to take compiled code: it is there, is asked for, or would be worth the wait by now."""
     asked = os.environ.get(SWITCH) == "1"
-    if not (asked or compiled_already(kernel.run)) and _plain_seconds[0] > COMPILATION:
-        LOGGER.info("the filter is compiled, once: some 30 s")
-        return True
-    return asked or compiled_already(kernel.run)
+    return asked or compiled_already(kernel.run) or _plain_seconds[0] > COMPILATION
 
 
 def _empty_record(moves: int, n: int, rows: int, width: int, m: int, model: SpacecraftModel) -> Record:

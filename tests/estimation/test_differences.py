@@ -124,3 +124,18 @@ def test_of_a_tank_that_begins_at_rest_they_say_what_is_right(tank):
     some = [u for u in unknowns_of(point).unknowns if u.name.startswith("tank.stiffness")]
     flights = [flight_of(point, made, "flight", FlightOptions(initial=InitialPrior(at_rest=True)))]
     assert derivatives_hold(normal_equations(point, some, flights), flights)
+
+
+def test_slopes_along_what_is_hardly_told_are_the_objectives(known, recording):
+    """Single parameters are told a thousand times better than a combination of them."""
+    some = unknowns_of(known.point).unknowns
+    flights = [flight_of(known.point, recording, "flight")]
+    exact = difference_equations(normal_equations(known.point, some, flights), flights)
+    size = np.sqrt(np.diag(exact.gram))
+    told, basis = np.linalg.eigh(exact.gram / np.outer(size, size))
+    assert told[0] < 1e-6
+    for share, direction in zip(told[:8], basis.T[:8], strict=True):
+        step = direction / size / np.sqrt(share)  # a standard deviation
+        ends = [retract(known.point, some, s * step * exact.scales) for s in (0.03, -0.03)]
+        up, down = (objective_of(p, some, flights) for p in ends)
+        assert exact.slope @ step == pytest.approx((down - up) / 0.06, abs=0.02)
