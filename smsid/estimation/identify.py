@@ -15,7 +15,7 @@ from smsid.estimation.batch_check import batch_contradictions, batch_quality, ch
 from smsid.estimation.contradictions import Contradiction
 from smsid.estimation.fit_quality import FitQuality
 from smsid.identify.commanded import excited_axes
-from smsid.identify.estimate import Estimate
+from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.paper.pipeline import Identification
 from smsid.identify.paper.pipeline import identify as by_the_paper
 from smsid.identify.sensor_correction import without_known_errors
@@ -92,8 +92,7 @@ def identify_spacecraft(
                 f"'{alone[0]}' is flown with single thrusters, which the paper's method does not know.",
                 advice="Use --method ml.",
             )
-        linear = by_the_paper(description, recordings)
-        return IdentificationRun(linear.estimate, linear)
+        return _by_the_paper(description, recordings)
     sensors = description.effective_sensors()
     doubts = consistency_notes([without_known_errors(r, sensors) for r in recordings])
     reason = "asked for" if method == "filter" else _listed(description) or _stated(description, recordings)
@@ -126,6 +125,24 @@ def identify_spacecraft(
     notes = (*first, f"taken as flights of any kind: {reason}", *found.estimate.notes[1:])
     estimate = replace(found.estimate, notes=notes)
     return IdentificationRun(estimate, None, None, found, reason, found.quality, found.contradictions)
+
+
+def _by_the_paper(description: Description, recordings: Sequence[Recording]) -> IdentificationRun:
+    """Return what the linear method finds; it has no verdict on its fit, columns may be wrong all the same."""
+    from smsid.estimation.mapping_check import follows
+
+    linear = by_the_paper(description, recordings)
+    unlike = [r for r in map(_beginning, recordings) if not follows(description, r)]
+    wrong = _better_columns(description, unlike, bool(unlike))
+    estimate = linear.estimate
+    if wrong:
+        parameters = tuple(_not_identifiable(p, "columns seem to be wrong") for p in estimate.parameters)
+        estimate = replace(estimate, parameters=parameters, notes=(*wrong, *estimate.notes))
+    return IdentificationRun(estimate, linear)
+
+
+def _not_identifiable(p: ParameterEstimate, reason: str) -> ParameterEstimate:
+    return replace(p, status="not_identifiable", note=reason) if p.status == "identifiable" else p
 
 
 def _with_wrong_columns(
@@ -213,10 +230,7 @@ def _batch(
     quality, disagree = batch_quality(refined), batch_contradictions(refined)
     estimate = refined.estimate
     if quality.judgement == "not explained":
-        parameters = tuple(
-            replace(p, status="not_identifiable", note=quality.reason) if p.status == "identifiable" else p
-            for p in estimate.parameters
-        )
+        parameters = tuple(_not_identifiable(p, quality.reason) for p in estimate.parameters)
         estimate = replace(estimate, parameters=parameters)
     wrong = _better_columns(description, recordings, quality.judgement == "not explained")
     notes = (quality.sentence, *wrong, *(c.sentence for c in disagree), *doubts, *estimate.notes)

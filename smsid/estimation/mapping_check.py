@@ -47,6 +47,12 @@ def wrong_columns(description: Description, recordings: Sequence[Recording]) -> 
     return [words for words in found if words]
 
 
+def follows(description: Description, recording: Recording) -> bool:
+    """Return whether a model that may err a little follows a recording as it is."""
+    point = Point.of(description)
+    return _errors(point, order_columns(recording, point.base), ERRING[-1]) < FOLLOWED
+
+
 def _wrong_column(point: Point, recording: Recording) -> str:
     likely = [
         (0.0, words, _mended(recording, channels, mend))

@@ -31,7 +31,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
 }
 """What each kind of sensor measures (section 3 of the design gives units, frames and shapes)."""
 
-RESERVED = ("command", "truth", "extra")
+RESERVED = ("command", "truth", "extra", "start")
 """Sources that are no sensor's."""
 
 _BODY = ("acceleration", "angular_rate")

@@ -166,3 +166,10 @@ def test_orientation_leaves_inertial_vectors_alone():
 def test_shapes_are_checked(fields, quantity, shape):
     with pytest.raises(RecordingError, match="has shape"):
         Sensor(name="s", rate=1.0, **fields).measure(quantity, np.arange(5.0), np.zeros(shape), rng())
+
+
+@pytest.mark.parametrize("name", ["command", "start"])
+def test_names_that_mean_something_else_are_not_free(name):
+    """``start.rate.x`` is how fast a recording begins."""
+    with pytest.raises(ValueError, match=f"'{name}' is not free as the name of a sensor"):
+        Sensor(name=name, kind="imu", rate=100.0)
