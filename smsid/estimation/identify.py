@@ -128,7 +128,7 @@ def identify_spacecraft(
 
 
 def _by_the_paper(description: Description, recordings: Sequence[Recording]) -> IdentificationRun:
-    """Return what the linear method finds; it has no verdict on its fit, columns may be wrong all the same."""
+    """Return what the linear method finds; without a verdict on the fit: columns may be wrong."""
     from smsid.estimation.mapping_check import follows
 
     linear = by_the_paper(description, recordings)
