@@ -270,7 +270,7 @@ REFUSED = {
         r"'imu\.angular_rate' x and y are swapped: .* Exchange the columns",
     ),
     "exp1: nothing moves": (
-        lambda: exp1((0, 0, 0), 60.0),
+        lambda: exp1((0, 0, 0), 20.0),
         r"identifies nothing: no thrust along x .* Fly Exp\. 1 with thrust",
     ),
     "exp2: still wheels": (lambda: changed(exp2(), still_wheels), "No wheel turns"),

@@ -19,9 +19,13 @@ def craft():
     return load_description(urdf_folder() / "paper_sms.toml")
 
 
+SECONDS = {"exp1": 70.0, "exp2": 30.0}
+
+
 def flown(description, name, seed):
     model = build_model(description)
-    return fly(model, named_experiment(name, model), np.random.default_rng(seed)).recording
+    plan = named_experiment(name, model).model_copy(update={"duration": SECONDS[name]})
+    return fly(model, plan, np.random.default_rng(seed)).recording
 
 
 @pytest.fixture(scope="module")
