@@ -32,6 +32,8 @@ from smsid.estimation.trust_region import ROUNDED, room_within_bounds, sizes
 
 STEP = 1e-3  # of a difference, in standard deviations along an axis
 ALIKE = 0.3  # of its curvature's root, and of a standard deviation, by which a derivative may differ
+TOLD = 0.5  # share of what is known along an axis, above which it is the recordings that tell it
+WEAK = 3  # axes that are asked about
 EDGE = 10.0  # steps from its bound within which a parameter is moved by itself
 
 
@@ -60,33 +62,50 @@ def difference_equations(found: NormalEquations, flights: Sequence[Flight]) -> N
 
 
 def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
-    """Whether slope and curvature by parameters of effects and sensors are, about, those by differences.
+    """Whether slope and curvature are, about, those by differences: by parameters of effects and sensors, and
+    along the axes of which the recordings tell least.
 
-    All samples are asked about parameters of which fewer do not say so. Raises `SimulationError` where a
-    filter loses its recording.
+    All samples are asked about those of which fewer do not say so. Raises `SimulationError` where a filter
+    loses its recording.
     """
-    which = np.array([i for i, u in enumerate(found.unknowns) if u.kind in ("effect", "sensor")], dtype=int)
+    size = sizes(found)
+    alone = [i for i, u in enumerate(found.unknowns) if u.kind in ("effect", "sensor")]
+    axes = np.vstack([np.diag(1.0 / size)[alone], _least_told(found)])
     fewer = [thinned(f) for f in flights]
     counts = [sum(len(f.problem.data.times) for f in x) for x in (flights, fewer)]
-    if len(which) and counts[1] < counts[0]:
+    if len(axes) and counts[1] < counts[0]:
         here = normal_equations(found.point, found.unknowns, fewer)
-        which = which[_apart(here, fewer, which, np.sqrt(counts[0] / counts[1])) >= ALIKE]
-    return not len(which) or bool(_apart(found, flights, which, 1.0).max() < ALIKE)
+        axes = axes[_apart(here, fewer, axes, np.sqrt(counts[0] / counts[1])) >= ALIKE]
+    return not len(axes) or bool(_apart(found, flights, axes, 1.0).max() < ALIKE)
 
 
-def _apart(found: NormalEquations, flights: Sequence[Flight], which: np.ndarray, more: float) -> np.ndarray:
-    """Return by how much roots of curvatures, in theirs, and slopes by ``which`` (k,) differ at most (k,).
+def _apart(found: NormalEquations, flights: Sequence[Flight], axes: np.ndarray, more: float) -> np.ndarray:
+    """Return by how much roots of curvatures and slopes along axes (k, m), in scales, differ at most (k,).
 
-    Slopes in standard deviations, ``more`` times as large as of these samples.
+    Both in standard deviations along them, slopes ``more`` times as large as of these samples.
     """
-    size = np.sqrt(np.diag(found.gram)[which])
-    ends = _ends(found, np.eye(len(found.unknowns))[which] / size[:, None])
-    exact = [_differences(found.point, f, ends) for f in flights]
-    before = np.sum([np.diag(t.gram)[which] for t in found.terms], axis=0) / size**2
-    tilt = np.sum([t.slope[which] for t in found.terms], axis=0) / size
+    gram, slope = (
+        np.sum([t.gram for t in found.terms], axis=0),
+        np.sum([t.slope for t in found.terms], axis=0),
+    )
+    before, tilt = np.einsum("ki,ij,kj->k", axes, gram, axes), axes @ slope
+    size = np.sqrt(np.einsum("ki,ij,kj->k", axes, found.gram, axes))
+    exact = [_differences(found.point, f, _ends(found, axes)) for f in flights]
     now = np.sum([np.diag(gram) for gram, _ in exact], axis=0)
     tilt_now = np.sum([blocks.sum(axis=0) for _, blocks in exact], axis=0)
-    return np.maximum(np.abs(np.sqrt(before) - np.sqrt(now)), more * np.abs(tilt - tilt_now))
+    return np.maximum(np.abs(np.sqrt(before) - np.sqrt(now)), more * np.abs(tilt - tilt_now)) / size
+
+
+def _least_told(found: NormalEquations) -> np.ndarray:
+    """Return the axes (k, m), in scales, that the recordings tell of, rather than priors, and tell least.
+
+    There a slope that leaves a part out leads far: a standard deviation of them is large.
+    """
+    axes = _principal_axes(found)
+    told = np.einsum("ik,ij,jk->k", axes, found.information, axes) > TOLD
+    wide = np.linalg.norm(axes * sizes(found)[:, None], axis=0)
+    order = np.argsort(-wide, kind="stable")
+    return axes[:, order[told[order]][:WEAK]].T
 
 
 def _principal_axes(found: NormalEquations) -> np.ndarray:

@@ -10,7 +10,7 @@ import pytest
 from smsid.estimation.differences import ALIKE, derivatives_hold, difference_equations
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.maximum import equations_at_maximum, has_converged
+from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming
@@ -51,6 +51,19 @@ def test_both_curvatures_agree_where_the_model_is_right(known, flight, unknowns)
     exact = difference_equations(found, [flight])
     size = np.sqrt(np.diag(found.gram))
     np.testing.assert_allclose((exact.gram - found.gram) / np.outer(size, size), 0.0, atol=0.1)
+
+
+def test_slopes_along_what_is_least_told_are_asked_of_bodies_too(known, recording, unknowns):
+    """A slope that lacks a standard deviation's worth along the weaker of two axes."""
+    flights = [flight_of(known.point, recording, "flight")]
+    found, _ = maximise(known.point, unknowns, flights)
+    assert derivatives_hold(found, flights)
+    size = np.sqrt(np.diag(found.gram))
+    weakest = np.linalg.eigh(found.gram / np.outer(size, size))[1][:, 0] / size
+    off = found.gram @ weakest / np.sqrt(weakest @ found.gram @ weakest)
+    (term,) = found.terms
+    wrong = replace(found, terms=(replace(term, slope=term.slope + off),))
+    assert not derivatives_hold(wrong, flights)
 
 
 def test_from_a_halt_it_goes_on_to_the_maximum(known, flight, unknowns):
