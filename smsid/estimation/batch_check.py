@@ -6,12 +6,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from smsid.estimation.contradictions import Contradiction, Part, contradictions_of
+from smsid.description.schema import Description
+from smsid.errors import SmsidError
+from smsid.estimation.contradictions import (
+    Contradiction,
+    Part,
+    contradictions_of,
+    contradictions_of_separate,
+)
 from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
 from smsid.estimation.prior_conflict import PriorConflict, conflict_of, has_mass
+from smsid.identify.estimate import distinct
+from smsid.identify.paper.pipeline import identify as by_the_paper
 from smsid.likelihood.channels import described_sigma
+from smsid.likelihood.prior import Cad
 from smsid.likelihood.recording_term import RecordingTerm
-from smsid.likelihood.refine import Refinement, seen_in
+from smsid.likelihood.refine import Refinement, refine, seen_in
+from smsid.recording import Recording
 
 AXES = "xyz"
 
@@ -69,3 +80,29 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
     parts = [Part(piece.name, 0.5 * (gram + gram.T), slope) for piece, (gram, slope) in both]
     rows, _ = seen_in(found.pieces, found.seen, refinement.described)
     return contradictions_of(parts, jacobian.T @ jacobian, rows)
+
+
+def contradictions_one_by_one(
+    description: Description, recordings: Sequence[Recording], cad: Cad | None
+) -> tuple[Contradiction, ...]:
+    """Return which recordings contradict the others, each fitted by itself; none if one is not explained."""
+    alone: list[Refinement] = []
+    for recording in recordings:
+        try:
+            linear = by_the_paper(description, [recording], replicates=False)
+            alone.append(refine(description, [recording], linear, cad=cad))
+        except SmsidError:
+            return ()
+        fit = alone[-1].fit  # what it contradicts beforehand is another matter
+        if any(c.judgement == "not explained" for c in channels_left(fit.pieces, fit.seen.residuals)):
+            return ()
+    own = [a.prior.residual(a.fit.point.parameters) for a in alone]
+    rate = np.diag(own[0][1])
+    rows, _ = seen_in(alone[0].fit.pieces, alone[0].fit.seen, alone[0].described)
+    return contradictions_of_separate(
+        distinct(r.name for r in recordings),
+        [a.fit.normal.of_pieces()[0][0] for a in alone],
+        [off / rate for off, _ in own],
+        np.diag(rate**2),
+        rows,
+    )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtrc
+
+from smsid.errors import NotIdentifiableError
 
 if TYPE_CHECKING:
     from smsid.estimation.normal_equations import NormalEquations
@@ -17,6 +19,7 @@ LEVEL = 1e-4  # probability below which recordings contradict each other
 APART = 3.5  # standard deviations between two values that are named
 LINEAR = ("kg", "kg m", "kg m^2", "kg/m", "N/m", "N s/m")  # units of what forces are linear in
 NAMED = 5  # parameters at most
+TOLD = 0.5  # of its standard deviation beforehand, what a recording leaves of a value that it tells
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,39 @@ def contradictions_of(
             factor = _common_factor(rows, apart_by_row)
             out.append(Contradiction(part.label, p_value, tuple(named), factor))
     return tuple(sorted(out, key=lambda c: c.p_value))
+
+
+def contradictions_of_separate(
+    labels: Sequence[str],
+    information: Sequence[np.ndarray],
+    moved: Sequence[np.ndarray],
+    prior: np.ndarray,
+    rows: Sequence[Combination],
+    widening: float = 1.0,
+) -> tuple[Contradiction, ...]:
+    """Return which of recordings that were fitted one by one contradict the others, the worst first.
+
+    ``information`` (m, m) is each one's without the prior, ``moved`` (m,) its optimum from what was known
+    beforehand; ``rows`` are at the first optimum. What one of them does not tell is not named.
+    """
+    grams = [x + prior for x in information]
+    slopes = [g @ x for g, x in zip(grams, moved, strict=True)]
+    parts = [Part(*x) for x in zip(labels, information, slopes, strict=True)]
+    told = []
+    for row in rows:
+        widest = max(float(row.gradient @ np.linalg.solve(g, row.gradient)) for g in grams)
+        if widest < TOLD**2 * float(row.gradient @ np.linalg.solve(prior, row.gradient)):
+            told.append(replace(row, value=row.value - float(row.gradient @ moved[0])))
+    return contradictions_of(parts, prior, told, widening)
+
+
+def contradicting(found: Sequence[Contradiction]) -> NotIdentifiableError:
+    """Return the error of recordings that are explained one by one and not together."""
+    return NotIdentifiableError(
+        "No spacecraft as described flies all of these recordings, though it explains each by itself.",
+        advice=found[0].sentence,
+        contradictions=[c.sentence for c in found],
+    )
 
 
 def _told(gram: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from smsid.estimation.commands_between_samples import (
     likelihood_with_own_walks,
     with_timing,
 )
-from smsid.estimation.contradictions import Part, contradictions_of
+from smsid.estimation.contradictions import contradicting, contradictions_of_separate
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
@@ -30,7 +30,6 @@ from smsid.likelihood.search import GROSS
 LOGGER = logging.getLogger(__name__)
 NEAR = 4.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
 ASTRAY = 0.03  # share of what drives the motion, by which a model errs at best that does not follow
-TOLD = 0.5  # of its standard deviation beforehand, what a recording leaves of a value that it tells
 WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 
 Tell = Callable[[str], None]
@@ -130,24 +129,20 @@ def _refuse_contradicting(
         if any(c.judgement == "not explained" for c in fit_quality(found).channels):
             return
         alone.append(found)
-    first, scales, sigmas = alone[0], alone[0].scales, np.array([u.sigma for u in unknowns])
+    scales, sigmas = alone[0].scales, np.array([u.sigma for u in unknowns])
     nominal = np.array([u.nominal for u in unknowns])
-    moved = [(np.array([a.point.value(u) for u in unknowns]) - nominal) / scales for a in alone]
-    parts = [Part(a.terms[0].label, a.information, a.gram @ x) for a, x in zip(alone, moved, strict=True)]
-    rows = []
-    for row in reported_parameters(first, described):
-        widest = max(float(row.gradient @ np.linalg.solve(a.gram, row.gradient)) for a in alone)
-        if widest < TOLD**2 * float(np.sum((row.gradient * sigmas / scales) ** 2)):
-            rows.append(replace(row, value=row.value - float(row.gradient @ moved[0])))
     # a search that halts before its maximum is off by as many standard deviations at most
     off = max(predicted_gain(a, bounded_step(a)) for a in alone)
-    found = contradictions_of(parts, np.diag((scales / sigmas) ** 2), rows, max(1.0, np.sqrt(2.0 * off)))
+    found = contradictions_of_separate(
+        [a.terms[0].label for a in alone],
+        [a.information for a in alone],
+        [(np.array([a.point.value(u) for u in unknowns]) - nominal) / scales for a in alone],
+        np.diag((scales / sigmas) ** 2),
+        reported_parameters(alone[0], described),
+        max(1.0, np.sqrt(2.0 * off)),
+    )
     if found:
-        raise NotIdentifiableError(
-            "No spacecraft as described flies all of these recordings, though it explains each by itself.",
-            advice=found[0].sentence,
-            contradictions=[c.sentence for c in found],
-        )
+        raise contradicting(found)
 
 
 def restless(flights: Sequence[Flight], quality: FitQuality) -> NotIdentifiableError:

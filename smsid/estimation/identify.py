@@ -11,8 +11,13 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
-from smsid.estimation.batch_check import batch_contradictions, batch_quality, channels_left
-from smsid.estimation.contradictions import Contradiction
+from smsid.estimation.batch_check import (
+    batch_contradictions,
+    batch_quality,
+    channels_left,
+    contradictions_one_by_one,
+)
+from smsid.estimation.contradictions import Contradiction, contradicting
 from smsid.estimation.fit_quality import FitQuality
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate
@@ -65,7 +70,7 @@ def identify_spacecraft(
 ) -> IdentificationRun:
     """Identify a free-flying spacecraft from any flights.
 
-    With ``ml``, the two experiments of the paper, flown from rest, go the fast way: its linear method,
+    With ``ml``, flights like the paper's two experiments, from rest, go the fast way: its linear method,
     refined by the batch likelihood. Everything else goes through the filter: other effects listed, moving
     starts, thrust with the attitude free, missing channels. ``filter`` takes that way in any case, ``paper``
     the linear method alone.
@@ -108,6 +113,8 @@ def identify_spacecraft(
                 reason = f"the paper's method cannot separate all that is there: {error.message}"
             elif error.evidence.get("other_flight"):
                 reason = f"the paper's method does not apply: {error.message}"
+            elif "contradictions" in error.evidence:  # each is explained by itself: no column is wrong
+                raise
             else:  # they are bad, not of another kind
                 raise _with_wrong_columns(error, description, recordings) from None
     if tell is not None:
@@ -117,7 +124,7 @@ def identify_spacecraft(
     try:
         found = identify_flights(description, recordings, cad=cad, options=options, tell=tell)
     except NotIdentifiableError as error:
-        if "contradictions" in error.evidence:  # each is explained by itself: no column is wrong
+        if "contradictions" in error.evidence:
             raise
         raise _with_wrong_columns(error, description, recordings) from None
     wrong = _better_columns(description, recordings, found.quality.judgement == "not explained")
@@ -197,14 +204,21 @@ def _started(
 ) -> tuple[Identification, Identification | Refinement]:
     """Return the paper's result and where to start from: for long flights, what their beginnings tell."""
     first = [_beginning(r) for r in recordings]
+    few = _of_one_kind_each(recordings)
     if any(a is not b for a, b in zip(first, recordings, strict=True)):
         try:
-            linear = by_the_paper(description, first, replicates=False)
+            linear = by_the_paper(description, _of_one_kind_each(first), replicates=False)
             return linear, refine(description, first, linear, cad=cad)
         except SmsidError as error:
             LOGGER.info("the beginnings of the flights do not tell enough: %s", error)
-    linear = by_the_paper(description, recordings, replicates=False)
+    linear = by_the_paper(description, few, replicates=False)
     return linear, linear
+
+
+def _of_one_kind_each(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the recordings that the paper's method takes: of those without thrust the first."""
+    floating = [r for r in recordings if not excited_axes(r)]
+    return [r for r in recordings if r not in floating[1:]]
 
 
 def _beginning(recording: Recording) -> Recording:
@@ -226,7 +240,13 @@ def _batch(
     linear, start = _started(description, recordings, cad)
     if tell is not None:
         tell("refining by maximum likelihood")
-    refined = refine(description, recordings, start, cad=cad, of_parts=isinstance(start, Refinement))
+    try:
+        refined = refine(description, recordings, start, cad=cad, of_parts=isinstance(start, Refinement))
+    except ConvergenceError:
+        disagree = contradictions_one_by_one(description, recordings, cad) if len(recordings) > 1 else ()
+        if disagree:
+            raise contradicting(disagree) from None
+        raise
     quality, disagree = batch_quality(refined), batch_contradictions(refined)
     estimate = refined.estimate
     if quality.judgement == "not explained":

@@ -1,5 +1,6 @@
 """The verdict on the fast way: what contradicts, what is not explained, what is neither."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from smsid.description import load_description
 from smsid.effects import Payload
+from smsid.errors import NotIdentifiableError
 from smsid.estimation.identify import identify_spacecraft
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
@@ -51,6 +53,29 @@ def test_a_body_grasped_between_two_flights_is_a_contradiction_of_masses(craft, 
     found = identify_spacecraft(craft, [before, flown(grasped, "exp2", 3)])
     assert {c.recording for c in found.contradictions} == {"exp1", "exp2"}
     assert "contradicts the other recordings" in found.estimate.notes[1]
+
+
+def at_25_hz(description):
+    return description.with_sensors(
+        *(x.model_copy(update={"rate": 25.0}) for x in description.effective_sensors())
+    )
+
+
+def test_two_flights_without_thrust_are_explained_together(craft):
+    """The paper's method takes one, which is where the search begins."""
+    slow = at_25_hz(craft)
+    found = identify_spacecraft(slow, [flown(slow, "exp2", seed) for seed in (4, 5)])
+    assert found.refined is not None and found.quality is not None
+    assert found.quality.judgement == "explained" and not found.contradictions
+
+
+@pytest.mark.slow
+def test_what_no_craft_flies_is_named_by_fits_one_by_one(craft):
+    slow = at_25_hz(craft)
+    grasped = slow.with_effects(Payload(name="target", frame="link3", mass=60.0, com=(2.3, 0.0, 0.0)))
+    with pytest.raises(NotIdentifiableError, match="it explains each by itself") as caught:
+        identify_spacecraft(slow, [flown(slow, "exp2", 4), flown(grasped, "exp2", 5)])
+    assert re.search(r"link3\.mx \S+ against 18\d", caught.value.evidence["contradictions"][0])
 
 
 def test_a_tank_that_is_stated_wrong_contradicts_the_recordings(craft, before, after):
