@@ -176,7 +176,7 @@ def main() -> None:
     rows = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.is_file() else []
     there = {(key, r[key]) for r in rows for key in ("draw", "pair", "twice") if key in r}
     plan = [("draw", k) for k in range(asked.draws)] + [("pair", k) for k in range(asked.pairs)]
-    plan += [("twice", k) for k in range(asked.twice)]
+    plan += [("twice", k) for k in sorted(range(asked.twice), key=lambda k: box(k).mass)]  # the hardest first
     for key, k in plan:
         if (key, k) in there:
             continue
@@ -187,8 +187,10 @@ def main() -> None:
         else:
             first, second = before("exp1", k % NULL), before("exp2", NULL + k // NULL)
             rows.append({"pair": k, "mixed": mixed([first, second])})
+        here = environment("smsid")
+        rows[-1]["date"] = here["date"]
         print(json.dumps(rows[-1]), flush=True)
-        write_result(NAME, {"environment": environment("smsid"), "summary": summary(rows), "rows": rows})
+        write_result(NAME, {"environment": here, "summary": summary(rows), "rows": rows})
     print(json.dumps(summary(rows), indent=1))
 
 
