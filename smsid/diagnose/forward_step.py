@@ -201,8 +201,8 @@ class State:
             if not may_be_open(own, problem):
                 continue
             data = problem.data.scaled(1.0 / self.fitted.factors)
-            stated, at = replace(problem, data=data), (self.current.point, self.current.unknowns)
-            opened = with_open_shape(*at, stated, own, self.candidates)
+            stated = replace(problem, data=data, coloured=False)
+            opened = with_open_shape(self.current.point, self.current.unknowns, stated, own, self.candidates)
             if opened is not None:
                 found, laws = opened
                 self.causes = [*(c for c in self.causes if c.score.candidate.key[:2] != own.key[:2]), *laws]

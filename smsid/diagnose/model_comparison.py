@@ -10,6 +10,7 @@ from math import comb
 
 import numpy as np
 from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
@@ -17,7 +18,7 @@ from smsid.diagnose.score_test import Candidate, Score, correlation, odds
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.map_estimate import MapFit, fit, within_reach
+from smsid.estimation.map_estimate import COSINES, MapFit, fit, within_reach
 from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
@@ -91,7 +92,9 @@ def accept(
         return None, current
     value, winner, found = max(fitted, key=lambda x: x[0])
     ratio = 2.0 * (current.objective - found.objective)
-    if replace(winner, ratio=ratio).p_value * tried > levels.candidate:
+    # a likelihood of white noise does not know what misfit remembers
+    sure = min(ratio, wald(found, winner.candidate)) if found.problem.coloured else ratio
+    if replace(winner, ratio=sure).p_value * tried > levels.candidate:
         return None, current
     reached = {id(s): v for v, s, _ in fitted}
     if best.ratio > levels.linear:
@@ -362,7 +365,8 @@ def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: b
 
     Small beside a large likelihood ratio, they ran away: only without end would they explain what is there.
     ``held``: with its further parameters, which mean nothing without the effect, as they are. ``strength``:
-    of what makes it do something alone; its frequency may be known where its mass is not.
+    of what makes it do something alone; its frequency may be known where its mass is not. Beside misfit it is
+    at most as unlikely by chance as the errors along its own signature are slow (`MapFit.slow_errors`).
     """
     names = [u.name for u in found.unknowns]
     index = np.array([names.index(n) for n in candidate.free])
@@ -371,13 +375,20 @@ def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: b
         return 0.0  # no mass, whatever its spring and its place are
     if strength:
         index, shift = index[strengths(candidate)], shift[strengths(candidate)]
-    covariance = found.covariance(candidate.also if held else ())[index][:, index]
+    still = candidate.also if held else ()
+    covariance = found.covariance(still, white=True)[index][:, index]
     told = np.diag(covariance) > 0.0
     if not told.any():
         return 0.0
-    covariance, shift = covariance[np.ix_(told, told)], shift[told]
+    covariance, shift, index = covariance[np.ix_(told, told)], shift[told], index[told]
     sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
-    return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))
+    along = np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma)
+    statistic = float((shift / sigma) @ along)
+    if not found.problem.coloured:
+        return statistic
+    d, variance = len(shift), float(np.sum((along / sigma @ found.slow_errors(still)[index]) ** 2))
+    chance = float(fisher.sf(statistic**2 / (d * max(variance, 1e-300)), d, COSINES))
+    return min(statistic, float(chi2.isf(chance, d)))
 
 
 def as_fitted(score: Score, found: MapFit) -> Score:

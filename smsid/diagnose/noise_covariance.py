@@ -206,7 +206,7 @@ def but_for_a_structure(
     these modes and a wrench on what carries it. ``held`` are names of parameters that stay, by structure.
     """
     last, stated = found.fit, found.fit.problem.data.scaled(1.0 / found.factors)
-    for place, problem in unknown_structures(last, replace(last.problem, data=stated)):
+    for place, problem in unknown_structures(last, replace(last.problem, data=stated, coloured=False)):
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
         rest = fit_to_stated_noise(last.point, unknowns, problem)
         if rest is None:
@@ -232,7 +232,8 @@ def unknown_structures(found: MapFit, problem: Problem) -> Iterator[tuple[str, P
 def _exact(found: InflatedFit) -> InflatedFit | None:
     """Return the fit to the noise as it is stated, where the model follows the recording that far."""
     stated = found.fit.problem.data.scaled(1.0 / found.factors)
-    exact = fit_to_stated_noise(found.fit.point, found.fit.unknowns, replace(found.fit.problem, data=stated))
+    problem = replace(found.fit.problem, data=stated, coloured=False)
+    exact = fit_to_stated_noise(found.fit.point, found.fit.unknowns, problem)
     return None if exact is None else _with_noise(InflatedFit(exact, np.ones(stated.rows)))
 
 
@@ -274,7 +275,7 @@ def with_misfit(found: InflatedFit) -> InflatedFit:
         factor = np.maximum(found.factors * factor, 1.0) / found.factors
         LOGGER.info("misfit: factors %.3g to %.3g more", factor.min(), factor.max())
         # what candidates are scored on is linear anyway: no need to be nearer than that
-        found = replace(_scaled(found, factor, iterations=4, enough=NEAR), misfit=True)
+        found = replace(_scaled(found, factor, iterations=4, enough=NEAR, coloured=True), misfit=True)
         if np.abs(np.log(factor)).max() < 0.1:
             break
     near = normalised_rmse(found.fit.run, found.factors) <= FOLLOWED
@@ -282,9 +283,14 @@ def with_misfit(found: InflatedFit) -> InflatedFit:
 
 
 def _scaled(
-    found: InflatedFit, factor: np.ndarray, iterations: int = 8, enough: float = ENOUGH
+    found: InflatedFit,
+    factor: np.ndarray,
+    iterations: int = 8,
+    enough: float = ENOUGH,
+    *,
+    coloured: bool = False,
 ) -> InflatedFit:
-    problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor))
+    problem = replace(found.fit.problem, data=found.fit.problem.data.scaled(factor), coloured=coloured)
     again = partial(fit, unknowns=found.fit.unknowns, problem=problem, iterations=iterations, enough=enough)
     try:
         fitted = again(found.fit.point)

@@ -111,7 +111,7 @@ class Problem:
     state at the first sample (read from it, with wide standard deviations, when not given).
     ``unknown_inputs`` are states of the filter, too, after q and v, and ``bias_walks`` after these. ``parts``
     are the recordings, where there are several (`joint_problem`): ``recording`` and ``timing`` are then the
-    first's.
+    first's. ``coloured``: noise levels count what the model cannot follow, whose spectrum is no noise's.
     """
 
     recording: Recording
@@ -125,6 +125,7 @@ class Problem:
     unknown_inputs: tuple[UnknownInput, ...] = ()
     parts: tuple[Part, ...] = ()
     bias_walks: tuple[BiasWalk, ...] = ()
+    coloured: bool = False
 
     @property
     def given(self) -> np.ndarray:

@@ -1,16 +1,24 @@
 """What a verdict rests on, simulated or by hand: size of statistics under the null, power at the limit."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import chi2, norm
 
 from smsid.diagnose import change_time_posterior, verdict
 from smsid.diagnose import specification_tests as blocks
 from smsid.diagnose.exchange_step import eliminate_backward
-from smsid.diagnose.model_comparison import DetectionThresholds, accept, is_distinguishable, simplest_law
+from smsid.diagnose.model_comparison import (
+    DetectionThresholds,
+    accept,
+    is_distinguishable,
+    simplest_law,
+    wald,
+)
+from smsid.diagnose.noise_covariance import misfit_factors
 from smsid.diagnose.score_test import Candidate, Score, correlation, least_squares
 from smsid.diagnose.specification_tests import SpecificationTest, adequacy, whiteness
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -75,7 +83,7 @@ def test_a_cause_pays_for_all_that_were_tried(monkeypatch, tried, named):
     """Its chance is 1e-3 by itself and a fifth among two hundred."""
     ratio = float(chi2.isf(1e-3, 1))
     run = SimpleNamespace(samples=1000)
-    found = SimpleNamespace(objective=0.0, run=run, unknowns=())
+    found = SimpleNamespace(objective=0.0, run=run, unknowns=(), problem=Coloured(False))
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: found)
     monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 1e3)
     current = SimpleNamespace(objective=0.5 * ratio, run=run, unknowns=())
@@ -219,3 +227,78 @@ def test_a_beginning_is_not_known_better_than_within_a_sample(monkeypatch):
     monkeypatch.setattr(f"{module}._over", lambda *_: change_time_posterior.Began(0.0, np.zeros((1, 1))))
     known = change_time_posterior.start_of(found, SimpleNamespace())
     assert known.sigma == pytest.approx(0.1 / np.sqrt(12.0))
+
+
+TIME = np.arange(800)
+FITTED = np.column_stack([np.ones(800), np.sin(TIME / 10.0), np.exp(-(((TIME - 300) / 60.0) ** 2))])
+
+
+@dataclass(frozen=True)
+class Coloured:
+    """Of a problem, what a covariance asks for."""
+
+    coloured: bool = True
+    noise: ProcessNoise = field(default_factory=ProcessNoise)
+
+
+def memory(rng: np.random.Generator, samples: float) -> np.ndarray:
+    """An error of variance one that forgets within so many samples."""
+    a = np.exp(-1.0 / samples)
+    return lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], rng.standard_normal(3000))[-len(TIME) :]
+
+
+def fitted_beside_misfit(errors: np.ndarray) -> MapFit:
+    """A constant, an oscillation and an event fitted to errors whose misfit is counted as it is."""
+    data = SimpleNamespace(rows=1)
+    run = SimpleNamespace(normalised=errors[:, None], used=np.ones((len(TIME), 1), dtype=bool))
+    level = misfit_factors(data, run)[0]
+    columns, seen = FITTED / level, errors / level
+    found = np.linalg.lstsq(columns, seen, rcond=None)[0]
+    run.innovations = (seen - columns @ found)[:, None]
+    unknowns = tuple(SimpleNamespace(name=f"x.{k}", scale=1.0, nominal=0.0) for k in range(3))
+    point = SimpleNamespace(value=lambda u: found[int(u.name[-1])])
+    gram, none = columns.T @ columns, SimpleNamespace(rows=np.zeros((0, 3)), off=np.zeros(0))
+    return MapFit(point, unknowns, Coloured(), run, columns[:, None], gram, np.zeros(3), 0.0, None, none)
+
+
+def sigmas_off(found: MapFit) -> np.ndarray:
+    return np.array([found.point.value(u) for u in found.unknowns]) / np.sqrt(np.diag(found.covariance()))
+
+
+def test_intervals_beside_misfit_hold_where_its_spectrum_is_local():
+    """The misfit swings as one parameter's signature does: by its level alone 88 % were inside."""
+    rng, inside, white = np.random.default_rng(1), np.zeros(3), np.zeros(3)
+    for _ in range(DRAWS):
+        near = memory(rng, 30.0) * np.sin(TIME / 10.0) + memory(rng, 30.0) * np.cos(TIME / 10.0)
+        found = fitted_beside_misfit(near)
+        inside += np.abs(sigmas_off(found)) < 1.96
+        white += np.abs(sigmas_off(replace(found, problem=Coloured(False)))) < 1.96
+    assert (inside / DRAWS > 0.93).all(), inside / DRAWS
+    assert white[1] / DRAWS < 0.9
+
+
+def test_white_misfit_widens_hardly_anything():
+    rng = np.random.default_rng(2)
+    found = [fitted_beside_misfit(rng.standard_normal(len(TIME))) for _ in range(100)]
+    more = [sigmas_off(replace(f, problem=Coloured(False))) / sigmas_off(f) for f in found]
+    assert np.median(more) == pytest.approx(1.0) and np.mean(more) < 1.2
+
+
+def test_errors_as_slow_as_the_record_are_no_proof():
+    """A hundred samples of memory of 800: by its level alone a constant was there in one case of twenty."""
+    rng, white, by_spectrum = np.random.default_rng(3), 0, 0
+    constant = Candidate("body_error", "link", "inertia", "mass", None, ("x.0",), (1.0,))
+    for _ in range(DRAWS):
+        found = fitted_beside_misfit(memory(rng, 100.0))
+        by_spectrum += chi2.sf(wald(found, constant), 1) < 1e-4
+        white += chi2.sf(wald(replace(found, problem=Coloured(False)), constant), 1) < 1e-4
+    assert white > 8 and by_spectrum <= 1
+
+
+def test_a_constant_beside_fast_misfit_is_proven():
+    """Though the level of the misfit, read before it was fitted, bounds its likelihood ratio."""
+    rng = np.random.default_rng(4)
+    constant = Candidate("body_error", "link", "inertia", "mass", None, ("x.0",), (1.0,))
+    for size in (3.0, 30.0):
+        found = fitted_beside_misfit(size + memory(rng, 2.0))
+        assert chi2.sf(wald(found, constant), 1) < 1e-4

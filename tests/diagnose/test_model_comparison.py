@@ -35,6 +35,8 @@ from smsid.model import build_model
 RATE = "joint_friction_joint2.stribeck_rate"
 EXPONENT = "joint_friction_joint2.stribeck_exponent"
 
+WHITE = SimpleNamespace(coloured=False)  # a problem whose levels count no misfit
+
 
 def rubbed(description, known, friction, duration=6.0):
     """The nominal fit of some seconds with friction at joint 2, the score of a Stribeck friction there."""
@@ -245,7 +247,8 @@ def test_what_is_there_all_the_time_is_tried_beside_what_begins(monkeypatch):
     begun = replace(begun, candidate=replace(begun.candidate, effect=effect))
     run = SimpleNamespace(samples=10_000)
     fits = {
-        x: SimpleNamespace(objective=o, run=run, unknowns=()) for x, o in (("joint1", 500.0), ("joint2", 0.0))
+        x: SimpleNamespace(objective=o, run=run, unknowns=(), problem=WHITE)
+        for x, o in (("joint1", 500.0), ("joint2", 0.0))
     }
     limits = []
 
@@ -285,7 +288,7 @@ def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, like
     run = SimpleNamespace(samples=10_000)
     freed = {id(winner): (), id(rival): tuple(SimpleNamespace(name=n) for n in more)}
     fits = {
-        id(s): SimpleNamespace(objective=-0.5 * s.ratio, run=run, unknowns=freed[id(s)])
+        id(s): SimpleNamespace(objective=-0.5 * s.ratio, run=run, unknowns=freed[id(s)], problem=WHITE)
         for s in (winner, rival)
     }
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: fits[id(s)])
@@ -463,7 +466,8 @@ def test_a_spring_without_a_mass_is_no_cause(known, mass, there):
     found = SimpleNamespace(
         unknowns=candidate.unknowns(()),
         point=known.point.with_effect(fitted),
-        covariance=lambda held: np.diag([1e-2, 1e-6]),
+        covariance=lambda held, white: np.diag([1e-2, 1e-6]),
+        problem=WHITE,
     )
     assert (wald(found, candidate) > 1e6) is there
     assert wald(found, candidate, strength=True) == pytest.approx(4.0 if there else 0.0, abs=1e-9)
@@ -478,7 +482,8 @@ def test_what_an_effect_freed_is_held_where_that_is_asked(known):
     found = SimpleNamespace(
         unknowns=candidate.unknowns(()),
         point=known.point.with_effect(tank.with_values({"more.mass": 0.2})),
-        covariance=lambda held: np.array([[1e-4 if "more.stiffness.x" in held else 1.0]]),
+        covariance=lambda held, white: np.array([[1e-4 if "more.stiffness.x" in held else 1.0]]),
+        problem=WHITE,
     )
     assert wald(found, candidate) == pytest.approx(0.04)
     assert wald(found, candidate, held=True) == pytest.approx(400.0)

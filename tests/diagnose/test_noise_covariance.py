@@ -8,6 +8,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from smsid.diagnose.forward_step import State
+from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import (
     InflatedFit,
     but_for_a_structure,
@@ -20,6 +22,7 @@ from smsid.diagnose.noise_covariance import (
     with_levels,
 )
 from smsid.diagnose.specification_tests import with_unknown
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
@@ -223,3 +226,24 @@ def test_misfit_is_counted_where_one_channel_alone_is_left_with_it(known, proble
     found = refit_noise(InflatedFit(before, raised, misfit=True, local=False), strong=True)
     assert found.misfit == misfit
     assert (found.factors[row] > 3.0) == misfit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 4, 7])
+def test_errors_slower_than_the_record_are_no_cause(known, problem, flown, seed):
+    """A gyro and a panel's accelerometers wander by ten to a hundred times their noise."""
+    record, rng = flown("exp2", 20.0, seed), np.random.default_rng([seed, 7])
+    data = measurements_of(known.point.base, record, known.point.description.effective_sensors())
+    data = data.thinned(10.0)
+    values = data.values.copy()
+    for row, name in enumerate(data.names):
+        if name.startswith(("imu.angular_rate", "panel.")):
+            size = data.sigma[row] * np.exp(rng.uniform(np.log(10.0), np.log(100.0)))
+            values[:, row] += size * slow(rng, 0.99, len(values) + 3000)[3000:]
+    wandering = replace(problem, recording=record, data=replace(data, values=values))
+    levels = with_levels(first_fit(known.point, wandering, known.unknowns), known.point)
+    assert levels.misfit
+    state = State(levels, propose(known.point, wandering, known.unknowns), THRESHOLDS)
+    while state.forward_step():
+        pass
+    assert not state.causes

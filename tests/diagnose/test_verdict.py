@@ -69,9 +69,11 @@ def searched(shifts, sigmas, rows, factors, left_by, **fields):
     run = SimpleNamespace(normalised=errors, used=np.ones(errors.shape, dtype=bool))
     last = SimpleNamespace(
         run=run, unknowns=unknowns, whitened=whitened, scales=np.ones(len(shifts)),
-        covariance=lambda held=(): np.diag(np.square(sigmas)),
+        covariance=lambda held=(), white=False: np.diag(np.square(sigmas)),
         point=SimpleNamespace(value=lambda u: shifts[names.index(u.name)]),
-        problem=SimpleNamespace(data=SimpleNamespace(names=[f"row{k}" for k in range(len(factors))])),
+        problem=SimpleNamespace(
+            data=SimpleNamespace(names=[f"row{k}" for k in range(len(factors))]), coloured=False
+        ),
     )  # fmt: skip
     none = np.zeros((0, 1))
     own = [Candidate("kind", f"place{k}", "other", "size", None, (n,), (1e-9,)) for k, n in enumerate(names)]
