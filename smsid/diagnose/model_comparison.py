@@ -18,7 +18,7 @@ from smsid.diagnose.score_test import Candidate, Score, correlation, odds
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.map_estimate import COSINES, MapFit, fit, within_reach
+from smsid.estimation.map_estimate import MapFit, fit, within_reach
 from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
@@ -366,7 +366,7 @@ def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: b
     Small beside a large likelihood ratio, they ran away: only without end would they explain what is there.
     ``held``: with its further parameters, which mean nothing without the effect, as they are. ``strength``:
     of what makes it do something alone; its frequency may be known where its mass is not. Beside misfit it is
-    at most as unlikely by chance as the errors along its own signature are slow (`MapFit.slow_errors`).
+    one as unlikely by chance as what it is over the errors along its own signature (`MapFit.slow_errors`).
     """
     names = [u.name for u in found.unknowns]
     index = np.array([names.index(n) for n in candidate.free])
@@ -382,13 +382,13 @@ def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: b
         return 0.0
     covariance, shift, index = covariance[np.ix_(told, told)], shift[told], index[told]
     sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
-    along = np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma)
-    statistic = float((shift / sigma) @ along)
+    inverse = np.linalg.pinv(covariance / np.outer(sigma, sigma))
     if not found.problem.coloured:
-        return statistic
-    d, variance = len(shift), float(np.sum((along / sigma @ found.slow_errors(still)[index]) ** 2))
-    chance = float(fisher.sf(statistic**2 / (d * max(variance, 1e-300)), d, COSINES))
-    return min(statistic, float(chi2.isf(chance, d)))
+        return float((shift / sigma) @ inverse @ (shift / sigma))
+    # levels that were read with the cause in the errors bound the statistic, not its spread as it is now
+    spread = np.linalg.norm(found.slow_errors(still)[index], axis=1)
+    off, d = shift / np.maximum(spread, 1e-9 * sigma), len(shift)
+    return float(chi2.isf(fisher.sf(off @ inverse @ off / d, d, THRESHOLDS.cosines), d))
 
 
 def as_fitted(score: Score, found: MapFit) -> Score:

@@ -15,6 +15,7 @@ import numpy as np
 
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.stepwise import Search
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
@@ -28,9 +29,6 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-POORLY = 0.02  # standard deviation over value from which a cause's parameter is put to the test
-MORE = 0.3  # of the log-posterior by which a point is more likely than where the search ended
-RESTARTS = 3  # times at most that such a point is met
 
 Interval = tuple[float, float]
 
@@ -74,7 +72,7 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
     """Return the fit at the top of its ridge, and intervals (95 %) that no Gaussian describes, by name."""
     if found.problem.noise.shapes:  # their errors are none of the likelihood's
         return found, {}
-    for _ in range(RESTARTS):
+    for _ in range(THRESHOLDS.restarts):
         covariance = found.covariance() / np.outer(found.scales, found.scales)
         names = [u.name for u in found.unknowns]
         own = [names.index(n) for c in causes for n in c.score.candidate.free if n in names]
@@ -85,7 +83,9 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
         also = [names.index(n) for c in causes for n in c.score.candidate.also if n in names]
         rows = [*own, *also]
         try:
-            bent = bent_intervals(found, posterior, doubtful, np.eye(len(names))[rows], covariance, more=MORE)
+            bent = bent_intervals(
+                found, posterior, doubtful, np.eye(len(names))[rows], covariance, more=THRESHOLDS.more_likely
+            )
         except BetterMaximum as better:
             LOGGER.info("a more likely point was met along %s", [names[i] for i in doubtful])
             found = evaluate(better.point, found.unknowns, found.problem)
@@ -103,7 +103,9 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
 def _is_poorly_known(found: MapFit, covariance: np.ndarray, i: int) -> bool:
     unknown = found.unknowns[i]
     value, sigma = found.point.value(unknown), np.sqrt(covariance[i, i]) * unknown.scale
-    return unknown.kind == "effect" and 0.0 <= unknown.lower < value and sigma > POORLY * value
+    return (
+        unknown.kind == "effect" and 0.0 <= unknown.lower < value and sigma > THRESHOLDS.poorly_known * value
+    )
 
 
 def _from(found: MapFit, unknown: Unknown, ends: Interval) -> Interval:

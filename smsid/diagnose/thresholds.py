@@ -14,6 +14,7 @@ from typing import Any
 from scipy.stats import norm
 
 from smsid._files import atomic_write
+from smsid.estimation.map_estimate import COSINES
 
 BEGIN, END = "<!-- thresholds: begin -->", "<!-- thresholds: end -->"
 STUDIES = "checked by thirteen studies of hidden effects"
@@ -81,6 +82,10 @@ class DetectionThresholds:
     torque_alias: float = _row(9.2, ODDS, "measured torques: as `alias`")
     torque_excited: float = _row(1e-4, SHARE, "measured torques: as `excited`")
     torque_foreign: float = _row(0.7, "of the torque", "measured torques: as `foreign`")
+    cosines: int = _row(COSINES, "1", "slowest, that errors beside misfit are judged by", "simulated errors")
+    poorly_known: float = _row(0.02, "of the value", "standard deviation above which a profile is followed")
+    more_likely: float = _row(0.3, "log-posterior", "above which a point of a profile is a better maximum")
+    restarts: int = _row(3, "1", "times at most that one is met, before no end of an interval is claimed")
     stamps: float = _row(0.05, "intervals", "below which no delay is claimed: stamps are not that exact")
     causes: int = _row(3, "1", "most causes that are looked for")
     contenders: int = _row(3, "1", "most candidates that are refitted in a round")
