@@ -117,12 +117,15 @@ def normalise_urdf(text: str) -> str:
 
     Blanks around a number, of which urdfdom makes a link without mass, are gone.
     """
-    root = ElementTree.fromstring(text)
+    root, same = ElementTree.fromstring(text), True
     for tag in root.iter():
         if tag.tag in ("mass", "inertia", "limit", "dynamics", "origin", "axis"):
             for key in NUMBERS & set(tag.keys()):
-                tag.set(key, " ".join(str(tag.get(key)).split()))
-    return ElementTree.tostring(root, encoding="unicode")
+                read = str(tag.get(key))
+                plain = " ".join(read.split())
+                same = same and plain == read
+                tag.set(key, plain)
+    return text if same else ElementTree.tostring(root, encoding="unicode")
 
 
 def without_meshes(text: str) -> str:

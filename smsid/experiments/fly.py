@@ -16,6 +16,7 @@ from smsid._version import __version__
 from smsid.errors import ExperimentError
 from smsid.experiments.scaling import bus_size, spin_inertias
 from smsid.experiments.schema import Experiment
+from smsid.inputs.signals import sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing import observe
@@ -219,17 +220,17 @@ def check_plausible(model: SpacecraftModel, experiment: Experiment) -> None:
     times = np.linspace(0.0, experiment.duration, SAMPLES)
     mass = pin.crba(model.pin, model.pin.createData(), model.home)
     if inputs.force is not None and model.free:
-        peak = float(np.abs(_sampled(inputs.force, times)).max())
+        peak = float(np.abs(sample(inputs.force, times)).max())
         _refuse(peak / model.mass, ACCELERATION, "m/s^2", f"Thrust of {peak:.4g} N accelerates the craft by")
         limit = model.description.thrust.max_force
         if limit is not None:
             _refuse(peak, BEYOND * limit, "N", f"Thrust per axis ([thrust] max_force = {limit:g} N) reaches")
     if inputs.torque is not None and model.free:
-        peak = float(np.abs(_sampled(inputs.torque, times)).max())
+        peak = float(np.abs(sample(inputs.torque, times)).max())
         least = float(np.diag(mass)[3:6].min())
         _refuse(peak / least, ANGULAR_ACCELERATION, "rad/s^2", f"A torque of {peak:.4g} N m turns the bus by")
     if inputs.wheel_torque is not None and len(model.wheels) and not experiment.lock_wheels:
-        torque = _sampled(inputs.wheel_torque, times)
+        torque = sample(inputs.wheel_torque, times)
         if torque.shape[1] == len(model.wheels):  # otherwise the simulation says so
             momentum = np.abs(scipy.integrate.cumulative_trapezoid(torque, times, axis=0)).max(axis=0)
             for name, wheel, h, inertia in zip(
@@ -240,7 +241,7 @@ def check_plausible(model: SpacecraftModel, experiment: Experiment) -> None:
                     h / inertia, limit, "rad/s", f"Its torque spins wheel '{name}' ({inertia:.4g} kg m^2) to"
                 )
     if inputs.joint_torque is not None and len(model.arm_joints) and not experiment.lock_joints:
-        torque = _sampled(inputs.joint_torque, times)
+        torque = sample(inputs.joint_torque, times)
         if torque.shape[1] == len(model.arm_joints):
             for i, name in enumerate(model.arm_joints.names):
                 peak = float(np.abs(torque[:, i]).max())
@@ -248,7 +249,7 @@ def check_plausible(model: SpacecraftModel, experiment: Experiment) -> None:
                 what = f"A torque of {peak:.4g} N m accelerates joint '{name}' by"
                 _refuse(peak / moved, JOINT_ACCELERATION, "rad/s^2", what)
     if inputs.joint_motion is not None:
-        rates = np.abs(_sampled(inputs.joint_motion.velocity, times)).max(axis=0)
+        rates = np.abs(sample(inputs.joint_motion.velocity, times)).max(axis=0)
         for name, rate in zip(model.arm_joints.names, rates.tolist(), strict=False):
             _refuse(rate, JOINT_RATE, "rad/s", f"The motion asked moves joint '{name}' at")
 
@@ -257,10 +258,6 @@ def check_stroke(what: str, stroke: float, room: float) -> None:
     """Raise `ExperimentError` for a slosh mass that flew far out of the bus, both in m: less is warned of."""
     advice = "Check its stiffness and the thrust, or fly for a shorter time."
     _refuse(stroke, STROKE * room, "m", f"In a bus of {room:.4g} m the {what} reaches", advice)
-
-
-def _sampled(signal: object, times: np.ndarray) -> np.ndarray:
-    return np.array([signal(float(t)) for t in times])  # type: ignore[operator]
 
 
 def _refuse(value: float, limit: float, unit: str, what: str, advice: str = ADVICE) -> None:

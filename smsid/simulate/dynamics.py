@@ -142,3 +142,12 @@ class Dynamics:
         if p.motion is not None:
             q = set_group_angles(self.model.pin, self.model.arm_joints, q, p.motion.position(t))
         return q, v
+
+    def enforce_all(self, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        """Let q (N, nq) and v (N, nv) follow what is prescribed at times (N,) [s], in place."""
+        p = self.prescribed
+        v[:, p.index] = 0.0
+        if p.motion is not None:
+            v[:, p.joints] = sample(p.motion.velocity, times)
+            for i, angles in enumerate(sample(p.motion.position, times)):
+                q[i] = set_group_angles(self.model.pin, self.model.arm_joints, q[i], angles)

@@ -142,9 +142,7 @@ class Trajectory:
             q[chosen], v[chosen], known = self.charts[k].states(times[chosen], tau[chosen])
             if known is not None:
                 a[chosen], missing[chosen] = known, False
-        if dynamics.prescribed:
-            for i in range(len(times)):
-                q[i], v[i] = dynamics.enforce(float(times[i]), q[i], v[i])
+        dynamics.enforce_all(times, q, v)
         a[missing], reaction[missing] = dynamics.accelerations(
             times[missing], q[missing], v[missing], tau[missing]
         )
