@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 MIN_SPANS = 20
 """Fewer independent spans correlate by chance."""
-MAX_SPANS = 5_000
+MAX_SPANS = 2_000
 """Of a longer recording spans begin at every so many samples: more tell no more."""
 MAX_TURN = 0.7
 """Rotation over a span [rad] above which rotation vectors and integrals of body rates differ."""
