@@ -55,6 +55,7 @@ def profiled(arguments: list[str], folder: Path) -> pstats.Stats:
     done = subprocess.run(
         [sys.executable, "-c", RUNNER, str(out), *arguments],
         cwd=folder,
+        env={**os.environ, "SMSID_CACHE": str(folder / "cache")},  # an excitation is searched for anew
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
