@@ -113,7 +113,8 @@ def identify_spacecraft(
                 reason = f"the paper's method cannot separate all that is there: {error.message}"
             elif error.evidence.get("other_flight"):
                 reason = f"the paper's method does not apply: {error.message}"
-            elif "contradictions" in error.evidence:  # each is explained by itself: no column is wrong
+            elif "contradictions" in error.evidence or error.evidence.get("unexcited"):
+                # each is explained by itself, or nothing moves: no column is wrong
                 raise
             else:  # they are bad, not of another kind
                 raise _with_wrong_columns(error, description, recordings) from None

@@ -37,6 +37,21 @@ def test_marginal_combinations_go_to_the_filter_which_marks_them(evidence, monke
     assert found.flights is flights and message in found.estimate.notes[1]
 
 
+@pytest.mark.parametrize("unexcited", [True, False])
+def test_no_column_is_sought_that_would_make_a_still_flight_move(unexcited, monkeypatch):
+    """The search took 30 s before it was said that no wheel turns."""
+    sought = []
+
+    def raises(*_, **__):
+        raise NotIdentifiableError("No wheel turns.", unexcited=unexcited)
+
+    monkeypatch.setattr("smsid.estimation.mapping_check.wrong_columns", lambda *_: sought.append(1) or [])
+    monkeypatch.setattr(identify, "by_the_paper", raises)
+    with pytest.raises(NotIdentifiableError, match="No wheel turns"):
+        identify.identify_spacecraft(SimpleNamespace(effect=(), effective_sensors=tuple), [])
+    assert bool(sought) is not unexcited
+
+
 def test_a_long_flight_begins_with_its_first_samples(monkeypatch):
     """The slowest sensor counts; with thrust, or short, a flight is taken whole; a failure is no end."""
     few = identify.BEGINNING

@@ -106,4 +106,5 @@ def check_moves(model: SpacecraftModel, recording: Recording) -> None:
         f"either: {moves}.",
         advice="Fly Exp. 1 with thrust along at least one body axis, or Exp. 2 with wheels and arm.",
         reasons=reasons,
+        unexcited=True,
     )

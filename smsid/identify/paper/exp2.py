@@ -195,6 +195,7 @@ def _check_excited(
             f"{CORRELATION_TIME:g} s.",
             advice=f"Record at least {SHORTEST:g} s; the paper flies 80 s.",
             length=length,
+            unexcited=True,
         )
     speed = np.abs(motion.angle_rates).max(axis=0, initial=0.0)
     if len(speed) and (speed.max() < STILL or len(still.joints) == len(speed)):
@@ -203,6 +204,7 @@ def _check_excited(
             "inertias cannot be identified.",
             advice="Excite every joint of the arm; `smsid simulate DESC exp2` shows how.",
             speed=speed,
+            unexcited=True,
         )
     turning = np.delete(motion.wheel_rates, still.wheels, axis=1)
     if np.abs(turning).max(initial=0.0) < STILL:
@@ -210,6 +212,7 @@ def _check_excited(
             f"No wheel turns in '{recording.name}'{_by_wheel_channels(recording)}: without a known momentum, "
             "inertias are known only up to a factor.",
             advice="Spin the reaction wheels.",
+            unexcited=True,
         )
 
 
