@@ -13,7 +13,7 @@ LINES, WIDTH = 30, 110
 T = TypeVar("T", bound=type)
 
 
-class Told:
+class ShortRepr:
     """Text and notebook table of what a class tells of itself: ``_told`` returns a title and rows."""
 
     __slots__ = ()

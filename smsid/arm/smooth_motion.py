@@ -21,7 +21,7 @@ CELLS = 8.0
 FEWEST = 2400
 """Instants that are kept at least, if there are as many samples."""
 
-STILL = 10.0
+STILL_SIGMAS = 10.0
 """Standard deviations of an encoder's noise that a joint must move by to have moved."""
 
 
@@ -173,7 +173,9 @@ def _samples(readings: JointReadings, stretch: slice, joint: int) -> Samples:
 def _require_motion(model: SpacecraftModel, readings: JointReadings, joints: Sequence[SmoothJoint]) -> None:
     moved = np.ptp(readings.position, axis=0)
     still = [
-        n for n, m, j in zip(model.arm_joints.names, moved, joints, strict=True) if not m > STILL * j.noise
+        n
+        for n, m, j in zip(model.arm_joints.names, moved, joints, strict=True)
+        if not m > STILL_SIGMAS * j.noise
     ]
     if len(still) == len(joints):
         raise NotIdentifiableError(

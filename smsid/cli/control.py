@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-RATE = 100.0  # [Hz] of a controller's calls
+CONTROLLER_RATE = 100.0  # [Hz] of a controller's calls
 
 
 def control_command(
@@ -100,7 +100,7 @@ def control_command(
     from smsid.control.design import DesignRequest, design
     from smsid.report.control import control_report
 
-    own = RATE if rate is None else rate
+    own = CONTROLLER_RATE if rate is None else rate
     request = DesignRequest(None if tune else _pair(gains), uncertainty, crossover, own, samples)
     with show_spinner("designing and examining the loop"):
         made = design(described, found, request, np.random.default_rng(seed))

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 
 from smsid._files import atomic_write, json_ready
 from smsid._reading import SCHEMA_VERSION, reading_document
-from smsid._short_repr import Told
+from smsid._short_repr import ShortRepr
 from smsid._statistics import NORMAL95
 from smsid._version import __version__
 from smsid.errors import require
@@ -115,7 +115,7 @@ class Finding:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Told):
+class Comparison(ShortRepr):
     """What changed from the ``first`` to the ``second`` estimate.
 
     ``statistic`` is the chi-squared of all differences together with ``freedom`` degrees of freedom, by both

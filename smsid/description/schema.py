@@ -17,7 +17,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from smsid._listing import did_you_mean
-from smsid._short_repr import Told
+from smsid._short_repr import ShortRepr
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
 from smsid.effects.table import Table
 from smsid.errors import DescriptionError, SmsidError
@@ -161,7 +161,7 @@ AnyEffect = Annotated[
 AnySensor = Annotated[Sensor, _in_place(lambda t: t)]
 
 
-class Description(Told, Table):
+class Description(ShortRepr, Table):
     """A spacecraft: a URDF and everything a URDF cannot say.
 
     ``folder`` is where relative paths start; it is not part of the file. Made in Python, a description (like

@@ -2,8 +2,8 @@
 
 What `smsid.likelihood.fisher_information` says of an experiment that was simulated, this says within some per
 cent in a fraction of the time, so that a search can ask it hundreds of times. Samples are thinned to
-``RATE`` and their noise with them, steps are longer, and joints move as commanded: their encoders' noise is
-added to that of the other sensors (`smsid.likelihood.input_noise`) instead of being estimated.
+``FORECAST_RATE`` and their noise with them, steps are longer, and joints move as commanded: their encoders'
+noise is added to that of the other sensors (`smsid.likelihood.input_noise`) instead of being estimated.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from smsid.model import build_model
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
 
-RATE = 8.0  # [Hz] of the thinned samples, or more for fast modes
+FORECAST_RATE = 8.0  # [Hz] of the thinned samples, or more for fast modes
 PER_MODE = 10.0  # samples a period of the fastest mode
 STEP = 3.0  # times as long as the steps of the refinement
 KNOTS = 0.25  # [s] between the knots of a commanded motion
@@ -52,7 +52,7 @@ class Forecast:
     @classmethod
     def of(cls, model: SpacecraftModel, duration: float) -> Forecast:
         """Return the forecast with a rate that is enough for the fastest mode."""
-        return cls(model, duration, max(RATE, PER_MODE * fastest_mode(model)))
+        return cls(model, duration, max(FORECAST_RATE, PER_MODE * fastest_mode(model)))
 
     @cached_property
     def parameters(self) -> Parameters:

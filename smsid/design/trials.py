@@ -17,7 +17,7 @@ from smsid.model import build_model
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
-RATE = 10.0  # [Hz]
+TRIAL_RATE = 10.0  # [Hz]
 PIECES = 24  # of a thrust
 PASSES = 6
 
@@ -43,7 +43,7 @@ class Trials(ABC):
         return point + width * float(np.sqrt(np.mean(point**2))) * rng.normal(size=point.shape)
 
     def flown(
-        self, point: np.ndarray, rate: float = RATE
+        self, point: np.ndarray, rate: float = TRIAL_RATE
     ) -> tuple[Experiment, Recording, tuple[LimitUse, ...]]:
         """Return a point's experiment, as strong as limits allow, its noise-free recording, and their use.
 

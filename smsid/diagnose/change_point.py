@@ -26,7 +26,7 @@ DENSE = 160  # times where the first show something: where a torque changes sign
 MOVES = 4  # times it moves at most
 
 
-def price(alias: float, tried: int = GRID + FINER * ONSETS) -> float:
+def onset_penalty(alias: float, tried: int = GRID + FINER * ONSETS) -> float:
     """Return what an onset has to gain in likelihood ratio: the grid it was searched on, and ``alias``."""
     return 2.0 * float(np.log(tried)) + alias
 
@@ -126,7 +126,7 @@ def with_onset(
 
         about = [largest_innovation_time(current.run)]
         start, ratio, tried = best_start(current, ratios, about, cheap=False)
-    if not ratio - s.ratio > price(alias, tried + 1):
+    if not ratio - s.ratio > onset_penalty(alias, tried + 1):
         return s
     found = replace(known[start], candidate=replace(known[start].candidate, grid=tried + 1))
     return (
@@ -171,7 +171,7 @@ def always_together(current: MapFit, scores: Sequence[Score], alias: float) -> t
     if not late:
         return list(scores), current
     names, plain = [s.candidate.key for s in late], current.point
-    pays = len({s.candidate.effect.name for s in late if s.candidate.effect}) * price(alias)
+    pays = len({s.candidate.effect.name for s in late if s.candidate.effect}) * onset_penalty(alias)
     for s in late:
         assert s.candidate.effect is not None
         mine = plain.description.get_effect(s.candidate.effect.name)

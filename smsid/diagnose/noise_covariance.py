@@ -113,17 +113,17 @@ def but_for_one(
     whole: Problem,
     unknowns: Sequence[Unknown],
     factors: np.ndarray,
-    strayed: FilterRun | None = None,
+    first_run: FilterRun | None = None,
 ) -> InflatedFit | None:
     """Return the fit of all channels but one that strays by itself, where the others are followed; ``given``
-    is where it begins, ``factors`` (rows,) are levels of the noise, ``strayed`` is the run of a first fit.
+    is where it begins, ``factors`` (rows,) are levels of the noise, ``first_run`` is the run of a first fit.
 
     That is a faulty sensor then: fitted with it, the rest would bend to it. The rest has its own levels,
     perhaps but for another one; what was left out is back with the noise of what it is off by, so that
     nothing follows it.
     """
     try:
-        lost = _suspect(given, whole, strayed)
+        lost = _suspect(given, whole, first_run)
         if lost is None:
             return None
         problem = with_unknown(whole, lost.channel)
@@ -148,7 +148,7 @@ def but_for_one(
         return None
 
 
-def _suspect(given: Point, whole: Problem, strayed: FilterRun | None) -> ChannelSlice | None:
+def _suspect(given: Point, whole: Problem, first_run: FilterRun | None) -> ChannelSlice | None:
     """Return the channel that contradicts the others, or else the one with most of the errors of a first fit.
 
     Of a model that may err as much as it is driven, only sensors that contradict each other stray: without
@@ -168,9 +168,9 @@ def _suspect(given: Point, whole: Problem, strayed: FilterRun | None) -> Channel
     rest = [left(with_unknown(loose, b.channel)) for b in blocks]
     if min(rest) < HALF * left(loose):
         return blocks[int(np.argmin(rest))]
-    if strayed is None:
+    if first_run is None:
         return None
-    squares = np.where(strayed.used, strayed.normalised**2, 0.0).sum(axis=0)
+    squares = np.where(first_run.used, first_run.normalised**2, 0.0).sum(axis=0)
     most = max(blocks, key=lambda b: squares[b.rows].sum())
     return most if squares[most.rows].sum() > HALF * squares.sum() else None
 

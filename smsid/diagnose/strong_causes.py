@@ -35,7 +35,7 @@ from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion
-RATE = 5.0  # [Hz] at which strong causes are compared at first
+COMPARISON_RATE = 5.0  # [Hz] at which strong causes are compared at first
 SUBSTEP = 0.05  # [s] of the integration there
 TRIED = 3  # candidates that are fitted
 LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
@@ -61,7 +61,7 @@ def coarse_cause(
 
     What cannot be filtered or fitted loses that candidate only.
     """
-    coarse = replace(thinned(problem, RATE), substep=SUBSTEP)
+    coarse = replace(thinned(problem, COMPARISON_RATE), substep=SUBSTEP)
     best: dict[tuple[str, str, str], tuple[float, Candidate, Point]] = {}
     for candidate, start in _starts(point, candidates, [p.label for p in problem.parts]):
         likely = _likelihood(start, coarse)

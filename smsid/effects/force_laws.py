@@ -172,7 +172,7 @@ class SharedFriction(ForceLaw):
         return -weights * (viscous * rate + coulomb * np.tanh(rate / smoothing))
 
 
-class Play(ForceLaw):
+class BacklashForce(ForceLaw):
     """Teeth that touch at ``half`` the gap on either side: a spring and a damper beyond it."""
 
     law = "play"

@@ -26,7 +26,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly, Twist
 from smsid.effects.base import Effect, JointEffect, physical, register
-from smsid.effects.force_laws import HandedOn, Play, SharedFriction
+from smsid.effects.force_laws import BacklashForce, HandedOn, SharedFriction
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia, Rotor
 
@@ -322,4 +322,4 @@ class Backlash(ElasticGear):
             return
         place, index = assembly.model.joints[joint].idx_q, assembly.model.joints[joint].idx_v
         touching = self.contact_stiffness, self.contact_damping
-        assembly.add_force(Play(index, place, self.gap / 2.0, *touching))
+        assembly.add_force(BacklashForce(index, place, self.gap / 2.0, *touching))

@@ -28,7 +28,7 @@ LOGGER = logging.getLogger(__name__)
 LONGEST = 0.1  # [s] between times of the filter: what it linearises over
 PHASE = 0.3  # [rad] of the fastest mode, the same
 UNKNOWN = 3.0  # times its root mean square that a torque which is not known may be
-STILL = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
+STILL_SIGMAS = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
 LIVELY = 12.0**0.5  # with it, a rate may change in a sample by twice its reading's noise (rms)
 WINDOW = 0.5  # [s] of a reading whose polynomial gives its acceleration and jerk
 SHORTEST = 20  # samples a flight needs
@@ -238,9 +238,9 @@ def _moving(data: Measurements, blocks: list[ChannelSlice], size: int) -> np.nda
     for block in blocks:
         x, sigma = data.values[:, block.rows], data.sigma[block.rows]
         low, high = np.nanpercentile(x, 1, axis=0), np.nanpercentile(x, 99, axis=0)
-        out |= high - low > 2.0 * STILL * sigma
+        out |= high - low > 2.0 * STILL_SIGMAS * sigma
         if block.quantity == "wheel_rate":
-            out |= np.maximum(low, -high) > STILL * sigma
+            out |= np.maximum(low, -high) > STILL_SIGMAS * sigma
     return out if blocks else np.ones(size, dtype=bool)
 
 

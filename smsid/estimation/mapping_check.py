@@ -29,7 +29,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 ERRING = (0.3, 0.03)  # shares of what drives the motion by which a description may err
-RATE = 10.0  # [1/s] of the samples that are looked at
+CHECK_RATE = 10.0  # [1/s] of the samples that are looked at
 CLEAR = 0.5  # of the errors as recorded, below which what is left tells that a column is wrong
 FITTED = 0.5  # the same of their squares where parameters are fitted
 FOLLOWED = 3.0  # times what a model that may err expects, beyond which it follows no motion, mended or not
@@ -37,7 +37,7 @@ LIKELY = 3  # hypotheses, the likeliest, whose parameters are fitted where none 
 OF_JOINTS = ("joint_position", "joint_velocity", "joint_acceleration", "joint_torque")
 OF_WHEELS = ("wheel_rate", "wheel_torque")
 
-Mended = Callable[[np.ndarray], np.ndarray]
+Correction = Callable[[np.ndarray], np.ndarray]
 
 
 def wrong_columns(description: Description, recordings: Sequence[Recording]) -> list[str]:
@@ -55,7 +55,7 @@ def follows(description: Description, recording: Recording) -> bool:
 
 def _wrong_column(point: Point, recording: Recording) -> str:
     likely = [
-        (0.0, words, _mended(recording, channels, mend))
+        (0.0, words, _with_correction(recording, channels, mend))
         for words, channels, mend in _hypotheses(point.base, recording)
     ]
     for share in ERRING:
@@ -97,10 +97,10 @@ def _fitted_errors(point: Point, recording: Recording) -> float:
 
 def _looked_at(point: Point, recording: Recording, share: float) -> Flight:
     flight = flight_of(point, recording, recording.name)
-    return replace(flight, problem=thinned(loosen_model(flight.model, flight.problem, share), RATE))
+    return replace(flight, problem=thinned(loosen_model(flight.model, flight.problem, share), CHECK_RATE))
 
 
-def _hypotheses(model: SpacecraftModel, recording: Recording) -> Iterator[tuple[str, list[str], Mended]]:
+def _hypotheses(model: SpacecraftModel, recording: Recording) -> Iterator[tuple[str, list[str], Correction]]:
     """Return what may be wrong in words, in which channels, and what mends samples (N, k) of them."""
     groups = []
     for names, quantities in ((model.arm_joints.names, OF_JOINTS), (model.wheels.names, OF_WHEELS)):
@@ -121,5 +121,5 @@ def _hypotheses(model: SpacecraftModel, recording: Recording) -> Iterator[tuple[
             yield words, channels, lambda x, o=order: x[:, o]
 
 
-def _mended(recording: Recording, channels: Sequence[str], mend: Mended) -> Recording:
+def _with_correction(recording: Recording, channels: Sequence[str], mend: Correction) -> Recording:
     return recording.with_channels({c: mend(np.asarray(recording[c])) for c in channels})

@@ -198,9 +198,9 @@ def _limit(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-ACCELERATION = 30.0  # [m/s^2] of a craft by its thrust; launchers take 60, free-flyers less than 1
+IMPLAUSIBLE_ACCELERATION = 30.0  # [m/s^2] by thrust; launchers take 60, free-flyers less than 1
 ANGULAR_ACCELERATION = 30.0  # [rad/s^2] of a craft by its torque
-WHEEL_RATE = 1500.0  # [rad/s] of a wheel without declared limit, 14 000 turns a minute
+IMPLAUSIBLE_WHEEL_RATE = 1500.0  # [rad/s] of a wheel without declared limit, 14 000 turns a minute
 STROKE = 6.0  # of a slosh mass, in sizes of the bus; the paper's Exp. 1 drives its own to 4.4, and is flown
 BEYOND = 3.0  # times a declared limit is no experiment any more; less is warned of after the flight
 JOINT_ACCELERATION = 1e4  # [rad/s^2] of a joint by the torque commanded
@@ -221,7 +221,8 @@ def check_plausible(model: SpacecraftModel, experiment: Experiment) -> None:
     mass = pin.crba(model.pin, model.pin.createData(), model.home)
     if inputs.force is not None and model.free:
         peak = float(np.abs(sample(inputs.force, times)).max())
-        _refuse(peak / model.mass, ACCELERATION, "m/s^2", f"Thrust of {peak:.4g} N accelerates the craft by")
+        what = f"Thrust of {peak:.4g} N accelerates the craft by"
+        _refuse(peak / model.mass, IMPLAUSIBLE_ACCELERATION, "m/s^2", what)
         limit = model.description.thrust.max_force
         if limit is not None:
             _refuse(peak, BEYOND * limit, "N", f"Thrust per axis ([thrust] max_force = {limit:g} N) reaches")
@@ -236,7 +237,7 @@ def check_plausible(model: SpacecraftModel, experiment: Experiment) -> None:
             for name, wheel, h, inertia in zip(
                 model.wheels.names, model.description.wheel, momentum, spin_inertias(model), strict=True
             ):
-                limit = WHEEL_RATE if wheel.max_rate is None else BEYOND * wheel.max_rate
+                limit = IMPLAUSIBLE_WHEEL_RATE if wheel.max_rate is None else BEYOND * wheel.max_rate
                 _refuse(
                     h / inertia, limit, "rad/s", f"Its torque spins wheel '{name}' ({inertia:.4g} kg m^2) to"
                 )

@@ -9,10 +9,10 @@ import numpy as np
 from smsid.model.spacecraft import SpacecraftModel, motion_columns
 
 THRUST = 40.0  # [N] of Exp. 1 per axis, equation (48)
-ACCELERATION = 0.02  # [m/s^2] by thrust along one axis; the paper's spacecraft takes 0.018
+DEFAULT_ACCELERATION = 0.02  # [m/s^2] by thrust along one axis; the paper's spacecraft takes 0.018
 LIMIT_SHARE = 0.9  # of a declared thrust limit that is used when it is what limits
 BUS_RATE = 0.2  # [rad/s] of the bus at most when wheels give it all their momentum
-WHEEL_RATE = 400.0  # [rad/s] of a wheel without declared limit
+DEFAULT_WHEEL_RATE = 400.0  # [rad/s] of a wheel without declared limit
 WHEEL_TORQUE = 1.0  # [N m] of a wheel without declared limit
 SWING = 0.6  # [rad] of an arm joint about home
 SLIDE_SHARE = 0.2  # of the largest bus dimension: how far a joint slides about home
@@ -31,7 +31,7 @@ def thrust_strength(model: SpacecraftModel) -> Strength:
     limit = model.description.thrust.max_force
     choices = [
         Strength(THRUST),
-        Strength(ACCELERATION * model.mass, f"{ACCELERATION:g} m/s^2 on {model.mass:.4g} kg"),
+        Strength(DEFAULT_ACCELERATION * model.mass, f"{DEFAULT_ACCELERATION:g} m/s^2 on {model.mass:.4g} kg"),
     ]
     if limit is not None and limit < THRUST:
         choices.append(Strength(LIMIT_SHARE * limit, f"[thrust] max_force = {limit:g} N"))
@@ -55,7 +55,7 @@ def wheel_strengths(model: SpacecraftModel, share: float) -> tuple[np.ndarray, n
     """
     inertias = spin_inertias(model)
     torque = share * np.array([w.max_torque or WHEEL_TORQUE for w in model.description.wheel])
-    rate = np.array([w.max_rate or WHEEL_RATE for w in model.description.wheel])
+    rate = np.array([w.max_rate or DEFAULT_WHEEL_RATE for w in model.description.wheel])
     momentum = share * rate * inertias
     notes = []
     if model.free:

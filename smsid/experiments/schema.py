@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from smsid._explain import validated
 from smsid._files import atomic_write, signed
 from smsid._reading import read_toml
-from smsid._short_repr import Told
+from smsid._short_repr import ShortRepr
 from smsid.errors import ExperimentError
 from smsid.inputs.inputs import Inputs, JointMotion
 from smsid.inputs.signals import Constant, Fourier, PiecewiseConstant, Signal
@@ -83,7 +83,7 @@ class ConstantProfile(_Table):
 Profile = Annotated[StepProfile | FourierProfile | ConstantProfile, Field(discriminator="kind")]
 
 
-class Experiment(Told, _Table):
+class Experiment(ShortRepr, _Table):
     """What is flown.
 
     ``force`` [N] at the thrust point and ``torque`` [N m] on the bus, body axes; ``thruster``, of each single

@@ -21,7 +21,7 @@ from smsid.likelihood.recording_term import RecordingTerm
 
 ROUNDS = 6  # of choosing the samples near jumps
 PATIENCE = 25  # iterations after which clocks are doubted although the search has not come to rest
-LOUD = 3.0  # times its stated noise beyond which no model that is right leaves a sensor
+IMPLAUSIBLY_LOUD = 3.0  # times its stated noise beyond which no model that is right leaves a sensor
 EXPLAINED = 0.1  # share of what such a sensor leaves that its clock has to explain, to be doubted
 GROSS, RECENT = 10.0, 10  # times the stated noise that is left, and iterations in which it has to halve
 
@@ -106,12 +106,12 @@ def _hopeless(stuck: ConvergenceError) -> bool:
         return False
     channels = [c for p in stuck.pieces for c in p.channels]
 
-    def loudest(visit: Iterate) -> float:
+    def largest_loudness(visit: Iterate) -> float:
         squares = [s for own in visit.squares for s in own]
         pairs = zip(channels, squares, strict=True)
         return max((loudness(c, float(np.diag(s).max())) for c, s in pairs), default=0.0)
 
-    now, before = loudest(stuck.visits[-1]), loudest(stuck.visits[-1 - RECENT])
+    now, before = largest_loudness(stuck.visits[-1]), largest_loudness(stuck.visits[-1 - RECENT])
     return now > max(GROSS, 0.5 * before)
 
 
@@ -233,7 +233,7 @@ def worst_clock(
                 loud[c.sensor.name] = max(loud[c.sensor.name], loudest)
     without, gains = gain(""), {name: gain(name) for name in names}
     # of what a wrong model leaves, a clock explains a little, too
-    explain = [n for n in names if loud[n] < LOUD or gains[n] - without > EXPLAINED * left[n]]
+    explain = [n for n in names if loud[n] < IMPLAUSIBLY_LOUD or gains[n] - without > EXPLAINED * left[n]]
     return max(sorted(explain), key=lambda name: gains[name], default=None)
 
 

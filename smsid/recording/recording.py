@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smsid._listing import did_you_mean
-from smsid._short_repr import Told
+from smsid._short_repr import ShortRepr
 from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
 from smsid.recording import _checks, _layout, _resampling
@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 Role = Literal["estimation", "validation", "unspecified"]
 
 
-class Recording(Told):
+class Recording(ShortRepr):
     """Measured or simulated channels ``<source>.<quantity>`` in the units and frames of the catalogue.
 
     The channels share the clock ``time`` [s], except for a source that has its own, ``<source>.time``. All

@@ -28,11 +28,11 @@ class Cell:
     spark: str = ""
 
 
-Shown = Cell | str | int | tuple[float | None, int] | tuple[float | None, int, Tone] | None
+CellValue = Cell | str | int | tuple[float | None, int] | tuple[float | None, int, Tone] | None
 """What `cells` makes a cell of."""
 
 
-def cells(*values: Shown) -> tuple[Cell, ...]:
+def cells(*values: CellValue) -> tuple[Cell, ...]:
     """Return a row of a table.
 
     Texts and cells stand as they are; ``(number, digits)`` or ``(number, digits, tone)`` is shown rounded and
@@ -41,7 +41,7 @@ def cells(*values: Shown) -> tuple[Cell, ...]:
     return tuple(_cell(v) for v in values)
 
 
-def _cell(v: Shown) -> Cell:
+def _cell(v: CellValue) -> Cell:
     if isinstance(v, Cell):
         return v
     if isinstance(v, tuple):

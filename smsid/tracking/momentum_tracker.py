@@ -35,7 +35,7 @@ from smsid.tracking.update import Update
 MARGIN = 5.0  # [s] read on both sides of a window, in which filters settle
 WINDOW = 40.0  # [s] of motion taken in together: a few periods of a panel, many of the errors' correlation
 CUTOFF, RATE = 2.0, 20.0  # [Hz] as Exp. 2 is prepared
-REPLICATES = 3  # of noise once more
+TRACKED_REPLICATES = 3  # of noise once more
 FREE = 1e3  # [m] prior of the centre of mass where a recording begins
 EQUATIONS = tuple(f"{what} {x}" for what in ("angular momentum", "centre of mass") for x in "xyz")
 FORCES = ("command.force", "command.thruster", "command.thruster_force", "command.torque")
@@ -103,7 +103,7 @@ class MomentumTracker:
         self._taken = 0
         self._newest = -np.inf
         self._carrier = HiddenStateCarrier(self.model)
-        self._others = [HiddenStateCarrier(self.model) for _ in range(REPLICATES)]
+        self._others = [HiddenStateCarrier(self.model) for _ in range(TRACKED_REPLICATES)]
         self._tls: RecursiveTls | None = None
         self._other_tls: list[RecursiveTls] = []
         self._scores: ScoreSums | None = None
@@ -197,7 +197,7 @@ class MomentumTracker:
             begin = self._first + self._taken * self.window
             if self._newest - begin >= 4.0 * CORRELATION_TIME:
                 out += self._push(*self._motions(begin, np.inf))
-            out += self._push(None, [None] * REPLICATES)
+            out += self._push(None, [None] * TRACKED_REPLICATES)
             self._first = None
         return out
 
@@ -225,7 +225,7 @@ class MomentumTracker:
 
         others = [
             prepared(add_noise_replicate(recording, sensors, np.random.default_rng([k, self._taken])))
-            for k in range(REPLICATES)
+            for k in range(TRACKED_REPLICATES)
         ]
         return replace(prepared(recording), again=others[0]), others
 

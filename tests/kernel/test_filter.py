@@ -22,7 +22,7 @@ from smsid.effects import (
     SloshWall,
     TorqueOffset,
 )
-from smsid.effects.force_laws import Play
+from smsid.effects.force_laws import BacklashForce
 from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.measurements import matrix
@@ -267,7 +267,7 @@ def test_a_pass_with_a_rotor_that_swings_is_the_plain_one(crafts, rotor):
 
 def test_teeth_of_a_gear_are_the_plain_ones(crafts):
     """The gear's own joint is not for the filter: the forces themselves are compared."""
-    play, angles = Play(7, 7, 0.1, 50.0, 2.0), np.zeros(crafts["paper"].nv - 6)
+    play, angles = BacklashForce(7, 7, 0.1, 50.0, 2.0), np.zeros(crafts["paper"].nv - 6)
     kernel = arrays_of(crafts["paper"], terms=[play])
     for x in (-0.3, -0.05, 0.08, 0.25):
         q, v = np.zeros(40), np.zeros(crafts["paper"].nv)

@@ -28,7 +28,7 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
-STILL = 1e-3  # [rad/s] joint or wheel rate below which nothing was excited
+LEAST_RATE = 1e-3  # [rad/s] joint or wheel rate below which nothing was excited
 SHORTEST = 10 * CORRELATION_TIME  # [s] below which correlated errors cannot be told from motion
 
 T = TypeVar("T")
@@ -177,10 +177,10 @@ def _check_free(recording: Recording) -> None:
 
 def _hardly_moving(model: SpacecraftModel, motion: Motion, still: StationaryJoints) -> list[str]:
     speed = np.abs(motion.angle_rates).max(axis=0, initial=0.0)
-    slow = [k for k in range(len(speed)) if speed[k] < STILL and k not in still.joints]
+    slow = [k for k in range(len(speed)) if speed[k] < LEAST_RATE and k not in still.joints]
     return [
-        f"{model.arm_joints.names[k]} hardly moves (below {STILL:g} rad/s, but more than its noise): what it "
-        "tells of its link is little, and that makes the others' intervals wide; move it, or lock it"
+        f"{model.arm_joints.names[k]} hardly moves (below {LEAST_RATE:g} rad/s, but more than its noise): what "
+        "it tells of its link is little, and that makes the others' intervals wide; move it, or lock it"
         for k in slow
     ]
 
@@ -198,16 +198,16 @@ def _check_excited(
             unexcited=True,
         )
     speed = np.abs(motion.angle_rates).max(axis=0, initial=0.0)
-    if len(speed) and (speed.max() < STILL or len(still.joints) == len(speed)):
+    if len(speed) and (speed.max() < LEAST_RATE or len(still.joints) == len(speed)):
         raise NotIdentifiableError(
-            f"No joint moves in '{recording.name}' (all below {STILL:g} rad/s, or within their noise): link "
-            "inertias cannot be identified.",
+            f"No joint moves in '{recording.name}' (all below {LEAST_RATE:g} rad/s, or within their noise): "
+            "link inertias cannot be identified.",
             advice="Excite every joint of the arm; `smsid simulate DESC exp2` shows how.",
             speed=speed,
             unexcited=True,
         )
     turning = np.delete(motion.wheel_rates, still.wheels, axis=1)
-    if np.abs(turning).max(initial=0.0) < STILL:
+    if np.abs(turning).max(initial=0.0) < LEAST_RATE:
         raise NotIdentifiableError(
             f"No wheel turns in '{recording.name}'{_by_wheel_channels(recording)}: without a known momentum, "
             "inertias are known only up to a factor.",

@@ -125,7 +125,7 @@ def step_b(
         return rows_b(model, regressor, parts, part, states, mass, centre)
 
     labels = [f"r_cm.{axis}" for axis in AXES]
-    found, _ = regress(motion, hidden, equations, parts.names, parts.units, labels, weighed=True)
+    found, _ = regress(motion, hidden, equations, parts.names, parts.units, labels, reweight=True)
     carried = found.base.matrix @ carried_by_bus(model, regressor)[parts.unknown]
     return replace(found, solution=replace(found.solution, x=found.solution.x + carried))
 

@@ -66,7 +66,7 @@ def regress(
     units: Sequence[str],
     beside: Sequence[str] = (),
     *,
-    weighed: bool = False,
+    reweight: bool = False,
 ) -> tuple[Regression, TlsSolution]:
     """Return the base parameters of equations by total least squares, and the solution with what is beside.
 
@@ -74,7 +74,7 @@ def regress(
     ``beside``, which are kept as they are. Columns are brought to the length of the right-hand side. Where
     ``motion.again`` has the sensors' noise once more, what that changes tells how large the errors of the
     columns are and how they go together; without it all columns, at equal length, count as equally uncertain.
-    ``weighed``: each kind of equation by what it leaves. The covariance allows for equation errors that are
+    ``reweight``: each kind of equation by what it leaves. The covariance allows for equation errors that are
     correlated over `CORRELATION_TIME` (Newey and West 1987).
 
     Raises `NotIdentifiableError` as `smsid.identify.tls.solve_factor`.
@@ -93,7 +93,7 @@ def regress(
     kept = [*base.independent.tolist(), *range(count, count + len(beside))]
     labels, weights = [*base.names, *beside], np.ones(sums.kinds)
     solution, root = sums.solved(kept, weights, labels)
-    if weighed:
+    if reweight:
         size = sums.residual(kept, solution.x)
         weights = 1.0 / np.maximum(size, 1e-9 * size.max())
         solution, root = sums.solved(kept, weights, labels)
