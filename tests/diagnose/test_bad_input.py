@@ -16,13 +16,13 @@ def longer(flown):
     return flown("exp2", 12.0, 5)
 
 
-def test_a_recording_of_another_spacecraft(description, recording):
+def test_a_recording_of_another_spacecraft(description, longer):
     """Its joints are driven by what this one's would do to the opposite."""
-    channels = {c: np.asarray(recording[c]) for c in recording.channels if not c.startswith("truth")}
+    channels = {c: np.asarray(longer[c]) for c in longer.channels if not c.startswith("truth")}
     channels["command.joint_torque"] = -channels["command.joint_torque"]
     channels["command.wheel_torque"] = channels["command.wheel_torque"][:, ::-1]
     other = Recording.from_arrays(
-        recording.time(), channels, labels=recording.labels, role="estimation", name="other"
+        longer.time(), channels, labels=longer.labels, role="estimation", name="other"
     )
     named = diagnose(description, [other], rate=10.0).diagnosis
     assert named.verdict == "not_evaluated" and "wheel_x and wheel_z are swapped" in named.sentence

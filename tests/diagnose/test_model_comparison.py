@@ -154,7 +154,7 @@ def test_the_search_ends_where_every_candidate_leads_to_another_fit(restless, mo
 def test_a_cause_that_holds_another_takes_its_place(description, known, monkeypatch):
     """A Stribeck friction that was found as Coulomb's at first is one cause, not two."""
     friction = {"coulomb": 0.1, "stribeck": 0.15, "stribeck_rate": 0.08}
-    current, stribeck = rubbed(description, known, friction)
+    current, stribeck = rubbed(description, known, friction, duration=12.0)
     proposed = propose(known.point, current.problem, current.unknowns)
     coulomb = next(c for c in proposed if c.key == ("joint_friction", "joint2", "coulomb"))
     assert stribeck.candidate.holds(coulomb) and not coulomb.holds(stribeck.candidate)

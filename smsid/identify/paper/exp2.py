@@ -179,8 +179,8 @@ def _hardly_moving(model: SpacecraftModel, motion: Motion, still: StationaryJoin
     speed = np.abs(motion.angle_rates).max(axis=0, initial=0.0)
     slow = [k for k in range(len(speed)) if speed[k] < LEAST_RATE and k not in still.joints]
     return [
-        f"{model.arm_joints.names[k]} hardly moves (below {LEAST_RATE:g} rad/s, but more than its noise): what "
-        "it tells of its link is little, and that makes the others' intervals wide; move it, or lock it"
+        f"{model.arm_joints.names[k]} hardly moves (below {LEAST_RATE:g} rad/s, but more than its noise): "
+        "what it tells of its link is little, and that makes the others' intervals wide; move it, or lock it"
         for k in slow
     ]
 
