@@ -110,10 +110,10 @@ def _catalogue() -> dict[str, Quantity]:
         Quantity("thruster_force", "N", "thruster", (("thruster",),), "force along each thruster"),
         Quantity("force", "N", "body", vector, "force on the bus"),
         Quantity("torque", "N m", "body", vector, "torque on the bus"),
-        Quantity("slosh_position", "m", "body", vector, "slosh mass from its rest point c_s"),
-        Quantity("slosh_velocity", "m/s", "body", vector, "its rate of change in body axes"),
+        Quantity("slosh_position", "m", "body", vector, "slosh mass from its rest point `c_s`"),
+        Quantity("slosh_velocity", "m/s", "body", vector, "rate of `slosh_position`, in body axes"),
         Quantity("modal_position", "kg^0.5 m", "mode", modes, "mass-normalised modal coordinate"),
-        Quantity("modal_velocity", "kg^0.5 m/s", "mode", modes, "its rate of change"),
+        Quantity("modal_velocity", "kg^0.5 m/s", "mode", modes, "rate of `modal_position`"),
     )
     return {row.name: row for row in rows}
 

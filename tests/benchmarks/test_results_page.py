@@ -22,6 +22,15 @@ def writer():
         sys.path.pop(0)
 
 
+def test_every_benchmark_has_a_row_and_every_result_a_benchmark():
+    folder, text = ROOT / "benchmarks", (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    scripts = {p.stem for p in folder.glob("[!_]*.py")} - {"results_page"}
+    assert not {s for s in scripts if f"benchmarks/{s}.py" not in text}
+    of_one = tuple(scripts)
+    left = {p.name for p in (folder / "results").iterdir() if not p.name.startswith(of_one)}
+    assert left == {n for n in left if f"results/{n.partition('.')[0]}." in text}
+
+
 def test_the_committed_page_is_the_written_one(writer):
     assert (ROOT / "docs" / "results.md").read_text(encoding="utf-8") == writer.page()
 

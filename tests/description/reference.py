@@ -1,4 +1,4 @@
-"""The references of effects and of sensors' errors in docs/description.md, written from the code."""
+"""The references of effects, of sensors' errors and of channels in docs, written from the code."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from pydantic_core import PydanticUndefined
 from smsid._files import atomic_write
 from smsid.effects.appendage import ModalAppendage, Mode
 from smsid.effects.base import catalogue
+from smsid.recording.channels import QUANTITIES
 from smsid.sensing import ErrorModel
 
 BEGIN, END = "<!-- effects: begin -->", "<!-- effects: end -->"
 ERRORS = "<!-- errors: begin -->", "<!-- errors: end -->"
+CHANNELS = "<!-- channels: begin -->", "<!-- channels: end -->"
 
 KNOWN, NOISE = "taken into account as known", "as noise"
 DRAWN = "one more unknown of each recording, with this standard deviation"
@@ -71,13 +73,23 @@ def errors_reference() -> str:
     return "\n".join(lines) + "\n"
 
 
+def channels_reference() -> str:
+    """Return Markdown with a table of every quantity a channel may have: unit, frame, shape and meaning."""
+    lines = ["| quantity | what it is | unit | frame | shape |", "|---|---|---|---|---|"]
+    for q in QUANTITIES.values():
+        lines.append(f"| `{q.name}` | {q.meaning} | {q.unit} | {q.frame} | {q.shapes()} |")
+    return "\n".join(lines) + "\n"
+
+
 def write_reference(path: str | os.PathLike[str]) -> None:
-    """Put each reference between its two marks in a Markdown file."""
+    """Put each reference between its two marks in a Markdown file, where it has them."""
     text = Path(path).read_text(encoding="utf-8")
-    for (begin, end), reference in (((BEGIN, END), effects_reference()), (ERRORS, errors_reference())):
-        before, rest = text.split(begin)
-        _, after = rest.split(end)
-        text = f"{before}{begin}\n{reference}{end}{after}"
+    written = {(BEGIN, END): effects_reference, ERRORS: errors_reference, CHANNELS: channels_reference}
+    for (begin, end), reference in written.items():
+        if begin in text:
+            before, rest = text.split(begin)
+            _, after = rest.split(end)
+            text = f"{before}{begin}\n{reference()}{end}{after}"
     atomic_write(path, text)
 
 
@@ -103,4 +115,5 @@ def _default(info: FieldInfo) -> str:
 
 
 if __name__ == "__main__":
-    write_reference(Path(__file__).resolve().parents[2] / "docs" / "description.md")
+    for page in ("description", "design"):
+        write_reference(Path(__file__).resolve().parents[2] / "docs" / f"{page}.md")

@@ -13,12 +13,15 @@ from smsid.description.robots import robot_files, robots_folder
 from smsid.effects import Mode, catalogue
 from smsid.errors import MissingDependencyError
 from smsid.model import build_model
+from smsid.recording.channels import QUANTITIES
 from smsid.sensing import ErrorModel
 from smsid.sensing.sensor import MEASURES, Sensor
 from tests.description.reference import (
     BEGIN,
+    CHANNELS,
     END,
     ERRORS,
+    channels_reference,
     effects_reference,
     errors_reference,
     write_reference,
@@ -86,6 +89,13 @@ def test_the_table_of_errors_is_that_of_the_model():
     inside = TEXT.split(begin)[1].split(end)[0].strip()
     assert inside == errors_reference().strip(), "write it anew with python -m tests.description.reference"
     assert set(keys(inside)) == set(ErrorModel.model_fields)
+
+
+def test_the_table_of_channels_is_that_of_the_code():
+    begin, end = CHANNELS
+    inside = (ROOT / "docs" / "design.md").read_text(encoding="utf-8").split(begin)[1].split(end)[0].strip()
+    assert inside == channels_reference().strip(), "write it anew with python -m tests.description.reference"
+    assert all(q.meaning for q in QUANTITIES.values())
 
 
 def test_the_table_of_effects_is_that_of_the_catalogue(tmp_path):

@@ -23,7 +23,7 @@ def test_other_times_explain_what_refits_there_do(description, known, problem, s
     model = build_model(description.model_copy(update={"effect": (*description.effect, late)}))
     plan = named_experiment("exp2", model).model_copy(update={"duration": 6.0})
     recording = fly(model, plan, np.random.default_rng(5)).recording
-    data = measurements_of(known.point.base, recording, description.effective_sensors()).thinned(50.0)
+    data = measurements_of(known.point.base, recording, description.effective_sensors())
     first = begun(known, replace(problem, recording=recording, data=data), KEY, size)[0]
     found = fit(first.point, first.unknowns, first.problem, iterations=10)
     mine = found.point.description.get_effect(late.name)
