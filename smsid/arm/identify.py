@@ -27,13 +27,13 @@ from smsid.description import Description
 from smsid.effects import Effect
 from smsid.effects.assembly import Assembly
 from smsid.effects.external import tilt_of, tilted_gravity
-from smsid.errors import DescriptionError, RecordingError
+from smsid.errors import DescriptionError
 from smsid.identify.estimate import HELD, SHAPE, Estimate, ParameterEstimate, classify
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
-from smsid.recording.checks import consistency_notes
+from smsid.recording.checks import check_roles, consistency_notes
 
 GROUP = "arm"
 RANDOM_STATES = 200  # that base parameters of any motion are told from
@@ -204,11 +204,7 @@ def recorded_motion(
         RecordingError: a recording is for validation, or as `smooth_motion`.
     """
     recordings = (recording,) if isinstance(recording, Recording) else tuple(recording)
-    for one in recordings:
-        if one.role == "validation":
-            raise RecordingError(
-                f"'{one.name}' is for validation.", advice="Identify from one in the role estimation."
-            )
+    check_roles(recordings)
     doubts = consistency_notes([without_turns(model, one) for one in recordings])
     motion = joined_motion([smooth_motion(model, taken(model, one)) for one in recordings])
     return recordings, motion, list(doubts)

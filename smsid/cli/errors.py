@@ -16,7 +16,7 @@ from typing import Annotated, Any, TextIO, get_type_hints
 import typer
 
 from smsid._files import json_ready, protect_inputs
-from smsid.cli.output import Manners, output_options, say
+from smsid.cli.output import OutputMode, output_options, say
 from smsid.cli.places import check_kinds, check_numbers, check_places
 from smsid.errors import SmsidError
 
@@ -68,7 +68,7 @@ def with_output_options(function: Callable[..., Any]) -> Callable[..., None]:
             with protect_inputs(inputs):
                 return function(**given)
 
-        _run(command, Manners(as_json, quiet))
+        _run(command, OutputMode(as_json, quiet))
 
     run.__signature__ = signature.replace(parameters=[*signature.parameters.values(), *own])  # type: ignore[attr-defined]
     hints = get_type_hints(function, include_extras=True)
@@ -76,22 +76,22 @@ def with_output_options(function: Callable[..., Any]) -> Callable[..., None]:
     return run
 
 
-def _run(command: Callable[[], Any], manners: Manners) -> None:
+def _run(command: Callable[[], Any], mode: OutputMode) -> None:
     stdout, hidden = sys.stdout, io.StringIO()
-    hush = redirect_stdout(hidden) if manners.json or manners.quiet else nullcontext()
+    hush = redirect_stdout(hidden) if mode.json or mode.quiet else nullcontext()
     try:
-        with output_options(manners), hush:
+        with output_options(mode), hush:
             result = command()
             if isinstance(result, Outcome) and result.written and not result.untold:
                 say(f"wrote {', '.join(map(str, result.written))}")
     except typer.Exit as left:
         result = Outcome(exit_code=left.exit_code)
     except SmsidError as error:
-        if manners.json:
+        if mode.json:
             print_json(error_document(error, 1), stdout)
         raise
     outcome = result if isinstance(result, Outcome) else Outcome()
-    if manners.json:
+    if mode.json:
         text = {} if isinstance(result, Outcome) and result.document else {"text": hidden.getvalue()}
         print_json({**outcome.table(), **text}, stdout)
     if outcome.exit_code:

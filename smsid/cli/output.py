@@ -19,22 +19,22 @@ WIDTH = 110  # columns at most, on a terminal and in a file
 
 
 @dataclass(frozen=True)
-class Manners:
+class OutputMode:
     """How the command under way was asked to speak: as ``json``, or ``quiet``, or to people."""
 
     json: bool = False
     quiet: bool = False
 
 
-_now = Manners()
+_now = OutputMode()
 
 
 @contextmanager
-def output_options(manners: Manners) -> Iterator[None]:
-    """Keep to these manners inside the block: quiet is quiet about the library's warnings too."""
+def output_options(mode: OutputMode) -> Iterator[None]:
+    """Speak in this mode inside the block: quiet is quiet about the library's warnings too."""
     global _now
-    before, _now = _now, manners
-    handlers = [(h, h.level) for h in logging.getLogger().handlers] if manners.quiet else []
+    before, _now = _now, mode
+    handlers = [(h, h.level) for h in logging.getLogger().handlers] if mode.quiet else []
     for handler, _ in handlers:
         handler.setLevel(logging.ERROR)
     try:

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
-from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.errors import NotIdentifiableError
 from smsid.estimation.commands_between_samples import undecided
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.fit_quality import FitQuality, fit_quality
@@ -40,6 +40,7 @@ from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.report import HELD, METHOD, judged_by_share
 from smsid.recording import Recording
+from smsid.recording.checks import check_roles
 
 LOGGER = logging.getLogger(__name__)
 RESTARTS = 3  # times that a more likely point may be met where intervals are sought
@@ -103,14 +104,7 @@ def _identify(
     tell: Callable[[str], None] | None,
 ) -> FlightEstimate:
     began = time.perf_counter()
-    if not recordings:
-        raise RecordingError("No recording was given.", advice="Give at least one.")
-    for recording in recordings:
-        if recording.role == "validation":
-            raise RecordingError(
-                f"'{recording.name}' is for validation.",
-                advice="Identify from recordings in the role estimation.",
-            )
+    check_roles(recordings)
     modal, densities = modal_panels(description)
     described = Point.of(modal)
     asked = unknowns_of(described, cad=cad, bodies=bodies, components=True)

@@ -12,7 +12,7 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid._threads import single_threaded
 from smsid.description.schema import Description
-from smsid.errors import DescriptionError, RecordingError
+from smsid.errors import DescriptionError
 from smsid.identify.estimate import Estimate, distinct
 from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import Identification
@@ -46,6 +46,7 @@ from smsid.model import build_model
 from smsid.model.identifiable import BaseParameters
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
+from smsid.recording.checks import check_roles
 
 UNRESOLVED = (
     "the joints' motion cannot be told as fast as the craft may ring: standard deviations may be too small; "
@@ -116,14 +117,8 @@ def refine(
     rest, `DescriptionError` for a spacecraft it cannot predict.
     """
     began = time.perf_counter()
-    if not recordings:
-        raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
+    check_roles(recordings)
     for recording in recordings:
-        if recording.role == "validation":
-            raise RecordingError(
-                f"'{recording.name}' is for validation.",
-                advice="Identify from recordings in the role estimation.",
-            )
         without_known_errors(recording, description.effective_sensors()).check_consistency()
     model = build_model(description)
     described = Parameters.of(model)

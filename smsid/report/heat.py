@@ -41,7 +41,7 @@ class HeatMap:
 
 
 def step_of(x: float, edges: tuple[float, ...]) -> int:
-    """Return how many of the ascending edges ``x`` reaches, at most the loudest step."""
+    """Return how many of the ascending edges ``x`` reaches, at most the last step."""
     return min(sum(x >= e for e in edges), STEPS - 1)
 
 

@@ -13,7 +13,7 @@ from smsid._short_repr import short_repr
 from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.effects.appendage import Appendage, ModalAppendage
-from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.errors import NotIdentifiableError
 from smsid.identify.appendages import as_described, linear_appendages
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
@@ -28,7 +28,7 @@ from smsid.identify.sensor_correction import correct_readings, on_event_clocks
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
-from smsid.recording.checks import consistency_notes
+from smsid.recording.checks import check_roles, consistency_notes
 
 BRIDGED = "its interval does not count what was bridged"
 """How the note of a parameter begins that a long bridge in a recording has spoiled."""
@@ -162,14 +162,7 @@ def _to_given_description(
 def _mended(
     description: Description, recordings: Sequence[Recording]
 ) -> tuple[list[FilledRecording], list[str]]:
-    if not recordings:
-        raise RecordingError("No recording was given.", advice="Give recordings of Exp. 1 and Exp. 2.")
-    for recording in recordings:
-        if recording.role == "validation":
-            raise RecordingError(
-                f"'{recording.name}' is for validation.",
-                advice="Identify from recordings in the role estimation.",
-            )
+    check_roles(recordings)
     sensors = description.effective_sensors()
     corrected = [correct_readings(r, sensors) for r in recordings]
     return [fill_gaps(r, sensors) for r in corrected], consistency_notes(
