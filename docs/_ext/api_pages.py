@@ -1,13 +1,16 @@
 """One page of the API per subpackage, written before every build from what the subpackages export.
 
-A subpackage shows the names of its ``__all__``; one without it shows its public modules.
+A subpackage shows the names of its ``__all__``; one without it shows its public modules. Beside them a page
+says which subpackage imports which.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
 import pkgutil
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +35,16 @@ Light to import; a name is loaded when it is used. Everything else stands in the
 ```{toctree}
 """
 LIBRARY = "%library%"
+IMPORTS = """# The import graph
+
+Every import of one part of `smsid` by another, those for types and inside of functions too, as the code has
+them. The order is that of the layers in `pyproject.toml`, the highest first: what a row imports stands below
+it, but for the figure of a result (`identify` and `diagnose` know `figures`) and within the spacecraft
+(`description`, `effects`, `inputs`, `model`: one layer).
+
+| part | modules | imports | is imported by |
+|---|---|---|---|
+"""
 
 
 def write(path: Path, text: str) -> None:
@@ -78,6 +91,39 @@ def library() -> str:
     return "\n".join(["| | |", "|---|---|", *rows])
 
 
+def import_graph(package: Path) -> dict[str, set[str]]:
+    """Return which parts of the package every one of its parts imports."""
+    graph: dict[str, set[str]] = {}
+    for path in package.rglob("*.py"):
+        part = path.relative_to(package).parts[0].removesuffix(".py")
+        found = graph.setdefault(part, set())
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                base = node.module or ""
+                found |= {f"{base}.{a.name}" for a in node.names} if base == package.name else {base}
+            elif isinstance(node, ast.Import):
+                found |= {a.name for a in node.names}
+    for part, names in graph.items():
+        inside = {n.split(".")[1] for n in names if n.startswith(f"{package.name}.")}
+        graph[part] = (inside & graph.keys()) - {part}
+    return graph
+
+
+def import_page(root: Path) -> str:
+    """Return the page of the import graph, a row per public part by layer; a checkout is at ``root``."""
+    graph = import_graph(root / "smsid")
+    linter = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    layers = [re.split(r"\s*[|:]\s*", layer) for layer in linter["contracts"][0]["layers"]]
+    order = [part for layer in layers for part in layer if not part.startswith("_")]
+    rows = []
+    for part in order:
+        count = len(list((root / "smsid" / part).rglob("*.py"))) or 1
+        lower = [f"`{x}`" for x in order if x in graph[part]]
+        upper = [f"`{x}`" for x in order if part in graph[x]]
+        rows.append(f"| `{part}` | {count} | {', '.join(lower)} | {', '.join(upper)} |")
+    return IMPORTS + "\n".join(rows) + "\n"
+
+
 def generate(app: Sphinx) -> None:
     """Write the pages into the folder ``api`` of the sources, and remove those of modules that are gone."""
     folder = Path(app.srcdir) / "api"
@@ -85,9 +131,10 @@ def generate(app: Sphinx) -> None:
     names = public()
     for name in names:
         write(folder / f"{name}.md", page(name))
-    write(folder / "index.md", HEAD.replace(LIBRARY, library()) + "\n".join(names) + "\n```\n")
+    write(folder / "index.md", HEAD.replace(LIBRARY, library()) + "\n".join([*names, "imports"]) + "\n```\n")
+    write(folder / "imports.md", import_page(Path(app.srcdir).parent))
     for old in folder.glob("*.md"):
-        if old.stem not in (*names, "index"):
+        if old.stem not in (*names, "index", "imports"):
             old.unlink()
 
 

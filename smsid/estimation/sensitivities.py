@@ -41,7 +41,7 @@ class Sensitivity:
     reading: np.ndarray | None = None
     ahead: np.ndarray | None = None
 
-    def times(self, factor: float | np.ndarray) -> Sensitivity:
+    def times(self, factor: float) -> Sensitivity:
         """Return it ``factor`` times."""
         parts = (self.middle, self.at, self.reading, self.ahead)
         return Sensitivity(*(None if x is None else factor * x for x in parts))

@@ -61,6 +61,24 @@ def test_numbers_of_the_paper_stand_beside_its_equations() -> None:
     assert {37, 38, 39, 40, 42, 43, 44, 45, 46, 47, 48} <= ranges
 
 
+def test_the_import_graph_is_that_of_the_code(extension, tmp_path) -> None:
+    api = extension("api_pages")
+    package = tmp_path / "pack"
+    (package / "high").mkdir(parents=True)
+    (package / "high" / "one.py").write_text("def f():\n    from pack.low import x\n")
+    (package / "high" / "two.py").write_text("from pack import other\nimport numpy\nimport pack.high.one\n")
+    (package / "low.py").write_text("")
+    (package / "other.py").write_text("if TYPE_CHECKING:\n    import pack.low\n")
+    assert api.import_graph(package) == {"high": {"low", "other"}, "low": set(), "other": {"low"}}
+    rows = [line.split(" | ") for line in api.import_page(ROOT).splitlines() if line.startswith("| `")]
+    named = [row[0].strip("| `") for row in rows]
+    up = {f"{a} -> {b}" for a, row in zip(named, rows, strict=True) for b in re.findall("`(.*?)`", row[2])}
+    ordered = {f"{a} -> {b}" for k, a in enumerate(named) for b in named[k + 1 :]}
+    craft = ("description", "effects", "inputs", "model")
+    left = {x for x in up - ordered if not {*x.split(" -> ")} <= {*craft}}
+    assert left == {"identify -> figures", "diagnose -> figures"}
+
+
 def test_results_become_tables(extension) -> None:
     measured = extension("measured_pages")
     result = {"environment": {}, "runs": 12, "spread": [0.98123, 1.0], "cases": [{"name": "a", "x": 1.23456}]}
