@@ -13,7 +13,7 @@ from smsid.diagnose.change_point import (
     cut_score,
     largest_innovation_time,
     moved_start,
-    price,
+    onset_penalty,
     refine_onset,
     scan_onsets,
     step_from,
@@ -67,7 +67,7 @@ def test_the_time_is_found_where_there_is_one(fitted, start):
         assert begun is own
     else:
         assert begun.candidate.effect.start == pytest.approx(start, abs=0.1)
-        assert begun.ratio - own.ratio > price(ALIAS)
+        assert begun.ratio - own.ratio > onset_penalty(ALIAS)
 
 
 @pytest.mark.parametrize("known_start", [None, 1.0, 5.0])
@@ -219,7 +219,7 @@ def test_one_start_is_paid_for_once(fitted, monkeypatch):
     with_it = evaluate(found.point.with_effect(effect), found.unknowns, found.problem)
 
     def dearer(point, unknowns, problem):  # without the start, by more than one costs and less than two
-        return replace(with_it, point=point, objective=with_it.objective + 0.75 * price(ALIAS))
+        return replace(with_it, point=point, objective=with_it.objective + 0.75 * onset_penalty(ALIAS))
 
     monkeypatch.setattr(onset, "evaluate", dearer)
     monkeypatch.setattr(onset, "within_reach", lambda found: found.objective)
