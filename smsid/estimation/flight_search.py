@@ -68,7 +68,7 @@ def _approached(
     """
     point, coarse = described, [thinned(f) for f in flights]
     fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
-    share, last = likeliest_share(point, coarse, FIRST, upward=True), np.inf
+    share, last = likeliest_share(point, coarse, FIRST), np.inf
     while share < last and (share or fewer):
         if tell is not None:
             tell(f"search with a model that may err by {100 * share:.2g} % of what drives the motion")

@@ -17,7 +17,9 @@ from smsid.estimation.problem import Problem, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
-FIRST, STEP, FURTHEST = 0.3, 0.1, 5  # share of what drives the motion tried first, by how much others differ
+# share of what drives the motion that a model may err by at most, and by how much others differ; with more,
+# slopes along states lead astray: they do not know that a likelihood falls with the mass, as noise is a force
+FIRST, STEP, FURTHEST = 0.3, 0.1, 5
 NEARLY = 0.1  # of log-likelihood a reading, that a model which does not err may lack for a search to begin
 
 MANY = 1000
@@ -36,20 +38,19 @@ def thinned(flight: Flight) -> Flight:
     return replace(flight, problem=replace(flight.problem, data=fewer, substep=longest_substep(fewer)))
 
 
-def likeliest_share(point: Point, flights: Sequence[Flight], near: float, *, upward: bool = False) -> float:
-    """Return by which share of what drives it a model at a point errs most likely; 0 for hardly at all.
-
-    ``near`` is where to begin, and the largest there may be unless ``upward``.
+def likeliest_share(point: Point, flights: Sequence[Flight], most: float) -> float:
+    """Return by which share of what drives it, at ``most``, a model at a point errs likeliest; 0 for hardly
+    at all.
     """
 
     @cache
     def likely(power: int) -> float:
-        return _likelihood(point, flights, near * STEP**power)
+        return _likelihood(point, flights, most * STEP**power)
 
-    power, way = 0, -1 if upward and likely(-1) > likely(0) else 1
-    while abs(power) < FURTHEST and likely(power + way) > likely(power):
-        power += way
-    share = near * STEP**power
+    power = 0
+    while power < FURTHEST and likely(power + 1) > likely(power):
+        power += 1
+    share = most * STEP**power
     strict = _likelihood(point, flights, 0.0)
     LOGGER.info("errs by %.2g: %.1f, strict %.1f", share, likely(power), strict)
     readings = sum(int(np.isfinite(f.problem.data.values).sum()) for f in flights)
