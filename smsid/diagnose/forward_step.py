@@ -301,9 +301,12 @@ class State:
 
     def _in_motion(self, cause: Cause, found: MapFit) -> MapFit:
         """Return a fit with a cause in motion, if that explains what is counted as misfit."""
+        candidate = cause.score.candidate
+        if candidate.effect is None or not candidate.instance(found.point).with_dynamics():
+            return found
         data = found.problem.data.scaled(1.0 / self.fitted.factors)
         rest = evaluate(found.point, found.unknowns, replace(found.problem, data=data))
-        moving = with_dynamics(rest, cause.score.candidate)
+        moving = with_dynamics(rest, candidate)
         if moving is rest or normalised_rmse(moving.run) > THRESHOLDS.misfit:
             return found
         problem = replace(moving.problem, data=found.problem.data)
