@@ -29,7 +29,6 @@ LONGEST = 0.1  # [s] between times of the filter: what it linearises over
 PHASE = 0.3  # [rad] of the fastest mode, the same
 UNKNOWN = 3.0  # times its root mean square that a torque which is not known may be
 STILL_SIGMAS = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
-LIVELY = 12.0**0.5  # with it, a rate may change in a sample by twice its reading's noise (rms)
 WINDOW = 0.5  # [s] of a reading whose polynomial gives its acceleration and jerk
 SHORTEST = 20  # samples a flight needs
 WIDEST = 20  # readings of a component from twice which on its outliers can be told
@@ -268,9 +267,6 @@ def _unknown_torques(
             commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
             size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
         walk = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval)
-        if block.quantity == "wheel_rate":  # else what is read lags behind, and inertias come out too large
-            read = data.sigma[block.rows] / interval**1.5
-            walk = np.maximum(walk, LIVELY * mass[group.v] * read)
         for i in free:
             own = int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])
             found.append(UnknownInput(*own, motor=torque in inputs, row=block.rows.start + i))

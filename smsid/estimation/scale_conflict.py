@@ -19,7 +19,6 @@ KNOWN = 0.01  # relative error of a scale that thrusters and tachometers may hav
 APART, LEAST = 6.0, 0.05  # standard deviations, and relative error, from which a scale is wrong
 TOLD = 0.1  # standard deviation of a scale above which the recordings do not tell it
 LEFT = 0.01  # share of what a scale does that no other parameter makes up for: no model is better below
-SMOOTHED = 0.25  # times the walk of torques that follow measured motion
 RIVAL = 0.5  # share of the best one's chi-squared from which another scale may be what is wrong
 
 
@@ -56,7 +55,6 @@ def scale_conflict(
     A Gauss-Newton step of all parameters and one scale more: the score test of that scale (Rao). Standard
     deviations are ``widening`` times those of the stated noise.
     """
-    flights = [_smoothed(f) for f in flights]
     drives = dict(_drives(flights))
     effects = [e for own in drives.values() for e in own]
     added = [effect_unknown(p) for e in effects for p in e.parameters()]
@@ -88,16 +86,6 @@ def scale_conflict(
         return None, tuple(untold)
     likely = tuple(scale for chi2, scale, _ in wrong if chi2 > RIVAL * wrong[0][0])
     return ScaleConflict(likely), tuple(untold)
-
-
-def _smoothed(flight: Flight) -> Flight:
-    """Return a flight whose wheels and joints follow what is read of them more smoothly.
-
-    What is read on a wrong scale is a craft as much heavier. Slopes along the states of a filter that follows
-    every reading leave some 2 % of that, and would tell a scale that nothing tells.
-    """
-    inputs = tuple(replace(x, walk=SMOOTHED * x.walk) for x in flight.problem.unknown_inputs)
-    return replace(flight, problem=replace(flight.problem, unknown_inputs=inputs))
 
 
 def _gained(whole: NormalEquations, flights: Sequence[Flight], step: np.ndarray, least: float) -> bool:
