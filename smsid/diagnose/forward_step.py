@@ -31,14 +31,12 @@ from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse, refit_
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
+from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.joint_problem import at_point
-from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import MapFit, evaluate, fit
 from smsid.estimation.problem import Problem
-from smsid.estimation.step_size import with_half_the_step
 
 LOGGER = logging.getLogger(__name__)
 ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
@@ -195,18 +193,16 @@ class State:
         """Leave open the shape of a law among the causes, where all is followed to the noise so; return
         whether one was.
         """
-        problem = self.current.problem
+        last = self.current
         for cause in self.causes:
             own = cause.score.candidate
-            if not may_be_open(own, problem):
+            if not may_be_open(own, last.problem):
                 continue
-            data = problem.data.scaled(1.0 / self.fitted.factors)
-            stated = replace(problem, data=data, coloured=False)
-            opened = with_open_shape(self.current.point, self.current.unknowns, stated, own, self.candidates)
+            opened = with_open_shape(last.point, last.unknowns, self.fitted.stated, own, self.candidates)
             if opened is not None:
                 found, laws = opened
                 self.causes = [*(c for c in self.causes if c.score.candidate.key[:2] != own.key[:2]), *laws]
-                self.fitted = InflatedFit(found, np.ones(data.rows))
+                self.fitted = InflatedFit(found, np.ones_like(self.fitted.factors))
                 return True
         return False
 
@@ -304,12 +300,12 @@ class State:
         candidate = cause.score.candidate
         if candidate.effect is None or not candidate.instance(found.point).with_dynamics():
             return found
-        data = found.problem.data.scaled(1.0 / self.fitted.factors)
-        rest = evaluate(found.point, found.unknowns, replace(found.problem, data=data))
+        stated = replace(self.fitted, fit=found).stated
+        rest = evaluate(found.point, found.unknowns, stated)
         moving = with_dynamics(rest, candidate)
         if moving is rest or normalised_rmse(moving.run) > THRESHOLDS.misfit:
             return found
-        problem = replace(moving.problem, data=found.problem.data)
+        problem = replace(found.problem, substep=moving.problem.substep)  # the noise is found again from here
         return evaluate(moving.point, moving.unknowns, problem)
 
     def _there_always(self) -> None:
@@ -462,40 +458,3 @@ def _may(candidate: Candidate, within: Mapping[str, str]) -> bool:
     if effect is None or type(candidate) is not Candidate:
         return False
     return candidate.start is None and effect.name not in within
-
-
-SEEN = THRESHOLDS.steps_seen
-FINER = 3  # times that the steps are halved
-
-
-def refine_steps(found: MapFit) -> MapFit:
-    """Return a fit with steps as short as its motion needs, or the same where they are short enough.
-
-    A strong cause may make an arm swing far faster than anybody has reckoned with.
-    """
-    for _ in range(FINER):
-        try:
-            size = discretisation_chi2(found)
-            if not size > SEEN:
-                break
-            problem = with_half_the_step(found.problem)
-            LOGGER.info(
-                "errors of integration of %.1f in chi-squared: steps of %.4g s", size, problem.substep
-            )
-            found = fit(found.point, found.unknowns, problem, iterations=8)
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("no shorter steps: %s", error)
-            break
-    return found
-
-
-def discretisation_chi2(found: MapFit) -> float:
-    """Return what errors of integration add to the sum of squares of innovations, beside the parameters.
-
-    By the difference to the innovations of a filter with steps of half the length.
-    """
-    coarse = found.changes  # where the filter ran: the last step of a fit is not filtered again
-    finer = at_point(coarse.point, with_half_the_step(found.problem))
-    fine = run_filter(coarse.point.model(), finer)
-    left = found.left((fine.innovations - coarse.run.innovations).reshape(-1, 1))
-    return float(np.vdot(left, left))

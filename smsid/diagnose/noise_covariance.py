@@ -51,6 +51,12 @@ class InflatedFit:
     local: bool = True
 
     @property
+    def stated(self) -> Problem:
+        """The problem with the noise as stated."""
+        problem = self.fit.problem
+        return replace(problem, data=problem.data.scaled(1.0 / self.factors), coloured=False)
+
+    @property
     def by_channel(self) -> dict[str, float]:
         """Noise level over the stated one, by channel: root mean square over its components."""
         blocks = self.fit.problem.data.blocks
@@ -205,14 +211,14 @@ def but_for_a_structure(
     A panel or a tank is described by a few modes; what else it does reaches all channels, but is a force on
     these modes and a wrench on what carries it. ``held`` are names of parameters that stay, by structure.
     """
-    last, stated = found.fit, found.fit.problem.data.scaled(1.0 / found.factors)
-    for place, problem in unknown_structures(last, replace(last.problem, data=stated, coloured=False)):
+    last = found.fit
+    for place, problem in unknown_structures(last, found.stated):
         unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
         rest = fit_to_stated_noise(last.point, unknowns, problem)
         if rest is None:
             continue
         LOGGER.info("followed to the noise with %s unknown", place)
-        return replace(found, fit=rest, factors=np.ones(stated.rows), misfit=False, unknown=place)
+        return replace(found, fit=rest, factors=np.ones_like(found.factors), misfit=False, unknown=place)
     return None
 
 
@@ -231,10 +237,8 @@ def unknown_structures(found: MapFit, problem: Problem) -> Iterator[tuple[str, P
 
 def _exact(found: InflatedFit) -> InflatedFit | None:
     """Return the fit to the noise as it is stated, where the model follows the recording that far."""
-    stated = found.fit.problem.data.scaled(1.0 / found.factors)
-    problem = replace(found.fit.problem, data=stated, coloured=False)
-    exact = fit_to_stated_noise(found.fit.point, found.fit.unknowns, problem)
-    return None if exact is None else _with_noise(InflatedFit(exact, np.ones(stated.rows)))
+    exact = fit_to_stated_noise(found.fit.point, found.fit.unknowns, found.stated)
+    return None if exact is None else _with_noise(InflatedFit(exact, np.ones_like(found.factors)))
 
 
 def fit_to_stated_noise(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> MapFit | None:

@@ -124,7 +124,7 @@ class Effect(Table):
         """
         return ()
 
-    def is_quick(self) -> bool:
+    def has_fast_dynamics(self) -> bool:
         """Whether it has a motion of its own that may come to rest between two samples."""
         return False
 

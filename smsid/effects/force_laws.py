@@ -76,10 +76,10 @@ class InertialWrench(ForceLaw):
         return np.r_[f, m + np.cross(self.numbers[6:], f)]
 
 
-class HandedOn(ForceLaw):
+class TransmittedForce(ForceLaw):
     """The applied force of another degree of freedom acts on this one as well."""
 
-    law = "handed"
+    law = "transmitted"
     by_place = by_rate = False
 
     def __init__(self, row: int, giver: int) -> None:

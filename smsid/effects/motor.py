@@ -26,7 +26,7 @@ from pydantic import Field, model_validator
 
 from smsid.effects.assembly import Assembly, Twist
 from smsid.effects.base import Effect, JointEffect, physical, register
-from smsid.effects.force_laws import BacklashForce, HandedOn, SharedFriction
+from smsid.effects.force_laws import BacklashForce, SharedFriction, TransmittedForce
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia, Rotor
 
@@ -170,7 +170,7 @@ class ElasticGear(JointEffect):
         """Whether the gear does not give."""
         raise NotImplementedError
 
-    def is_quick(self) -> bool:
+    def has_fast_dynamics(self) -> bool:
         """Whether the rotor swings on its gear."""
         return not (self.quasistatic or self.rigid())
 
@@ -211,7 +211,7 @@ class ElasticGear(JointEffect):
         model.armature[gear] = inertia
 
         assembly.add_inertia_term(self._rotor(assembly, number, gear))
-        assembly.add_load_force(HandedOn(gear, link), first=True)
+        assembly.add_load_force(TransmittedForce(gear, link), first=True)
         if self.encoder == "motor":
             assembly.motors[number] = joint
         return joint

@@ -121,7 +121,7 @@ class Sensitivities:
                 at = np.matmul(self.run.inverse, pushed[1][:, :, None])[:, :, 0] / step
         reading = self._reading(base, other, origin, model)
         ahead = None
-        if forces and changed.is_quick():
+        if forces and changed.has_fast_dynamics():
             middle, ahead = None, self._difference_ahead(origin, model) / step
         return Sensitivity(middle, at, None if reading is None else reading / step, ahead)
 

@@ -15,10 +15,10 @@ from smsid.kernel.jit import compile_inner
 from smsid.kernel.spatial import cross, dot, plus, six, three, times_vector
 
 LAW, START, COUNT, ROWS = 1, 2, 3, 4  # in a table
-FRICTION, CONSTANT, INERTIAL, SPRING, DRIFT, CENTRAL, SHARED, PLAY, TIDE, GROWTH, HANDED = range(11)
+FRICTION, CONSTANT, INERTIAL, SPRING, DRIFT, CENTRAL, SHARED, PLAY, TIDE, GROWTH, TRANSMITTED = range(11)
 LAWS = (
     "friction", "constant", "inertial", "spring", "drift", "central", "shared", "play", "tide", "growth",
-    "handed",
+    "transmitted",
 )  # fmt: skip
 """Names of the laws, in the order of their numbers."""
 UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -94,7 +94,7 @@ def add_force(root, at, angles, v, tau, sign, out):
         if abs(x) > root[k]:
             side = 1.0 if x > 0.0 else -1.0
             out[first] -= sign * (root[k + 1] * (x - side * root[k]) + root[k + 2] * v[first])
-    elif law == HANDED:
+    elif law == TRANSMITTED:
         out[first] += sign * tau[int(root[at + ROWS + 1])]
 
 
@@ -195,7 +195,7 @@ def take_force_derivatives(root, angles, v, tau, by_q, by_v):
                     for r in range(3):
                         by_q[r, 3 + c] -= df[r]
                         by_q[3 + r, 3 + c] -= dm[r]
-        elif n and law != CONSTANT and law != HANDED:
+        elif n and law != CONSTANT and law != TRANSMITTED:
             here[:] = 0.0
             add_force(root, at, angles, v, tau, 1.0, here)
             take_differences(root, at, angles, v, tau, here, then, angles, start, by_q)
