@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from smsid.description import Description
     from smsid.estimation.flight import FlightOptions
-    from smsid.estimation.identify import IdentificationRun
     from smsid.estimation.identify_flights import FlightEstimate
     from smsid.recording import Recording
     from smsid.report import Provenance, Report
@@ -155,7 +154,7 @@ def identify_command(
 ) -> Outcome:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
     from smsid.description import load_description
-    from smsid.estimation.identify import identify_spacecraft
+    from smsid.estimation.identify import identify_by_the_paper, identify_spacecraft
     from smsid.identify.estimate import save_estimate
     from smsid.identify.paper.pose_point import with_tracked_point
 
@@ -190,7 +189,9 @@ def identify_command(
         return Outcome(document, [output, *([report] if report else [])])
     with show_spinner("identifying") as tell:
         if modal is not None or find_tracked_point:
-            found = _by_the_paper(described, loaded, modal == "printed", find_tracked_point)
+            found = identify_by_the_paper(
+                described, loaded, printed=modal == "printed", find_point=find_tracked_point
+            )
         else:
             flight = _flight(drive, at_rest, start)
             found = identify_spacecraft(described, loaded, method=method, cad=cad, options=flight, tell=tell)
@@ -269,17 +270,6 @@ def _flight(drive: Drive, at_rest: bool, start: str | None) -> FlightOptions | N
                 advice=f"Give one of {', '.join(known)}, such as attitude=0.02.",
             )
     return FlightOptions(drive=drive, initial=InitialPrior(at_rest=at_rest, **sigmas))  # type: ignore[arg-type]
-
-
-def _by_the_paper(
-    described: Description, loaded: list[Recording], printed: bool, find: bool
-) -> IdentificationRun:
-    """Return what the paper's method finds, bending as ``printed``, the tracked point unknown to ``find``."""
-    from smsid.estimation.identify import IdentificationRun
-    from smsid.identify.paper.pipeline import identify
-
-    linear = identify(described, loaded, modal="printed" if printed else "smoother", refine_pose_point=find)
-    return IdentificationRun(linear.estimate, linear)
 
 
 def _point(text: str) -> tuple[float, float, float]:

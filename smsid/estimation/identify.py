@@ -97,7 +97,7 @@ def identify_spacecraft(
                 f"'{alone[0]}' is flown with single thrusters, which the paper's method does not know.",
                 advice="Use --method ml.",
             )
-        return _by_the_paper(description, recordings)
+        return identify_by_the_paper(description, recordings)
     sensors = description.effective_sensors()
     doubts = consistency_notes([without_known_errors(r, sensors) for r in recordings])
     reason = "asked for" if method == "filter" else _listed(description) or _stated(description, recordings)
@@ -135,11 +135,20 @@ def identify_spacecraft(
     return IdentificationRun(estimate, None, None, found, reason, found.quality, found.contradictions)
 
 
-def _by_the_paper(description: Description, recordings: Sequence[Recording]) -> IdentificationRun:
-    """Return what the linear method finds; without a verdict on the fit: columns may be wrong."""
+def identify_by_the_paper(
+    description: Description,
+    recordings: Sequence[Recording],
+    *,
+    printed: bool = False,
+    find_point: bool = False,
+) -> IdentificationRun:
+    """Return what the linear method finds, bending as ``printed``, the tracked point unknown to
+    ``find_point``; it has no verdict on the fit, but columns that seem to be wrong are named.
+    """
     from smsid.estimation.mapping_check import follows
 
-    linear = by_the_paper(description, recordings)
+    modal = "printed" if printed else "smoother"
+    linear = by_the_paper(description, recordings, modal=modal, refine_pose_point=find_point)
     unlike = [r for r in map(_beginning, recordings) if not follows(description, r)]
     wrong = _better_columns(description, unlike, bool(unlike))
     estimate = linear.estimate

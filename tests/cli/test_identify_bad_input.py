@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,14 +43,14 @@ Discrimination = tuple[int, str, Estimate | None]
 def identify(tmp_path: Path, monkeypatch, capsys) -> Callable[..., Discrimination]:
     """Run the command on recordings, or files of them: exit code, all that it said, what it wrote."""
 
-    def run(*recordings: Recording | Path, method: str = "ml") -> Discrimination:
+    def run(*recordings: Recording | Path, method: str = "ml", more: Sequence[str] = ()) -> Discrimination:
         out, words = tmp_path / "estimate.json", [str(twin.URDF / "paper_sms.toml")]
         for k, recording in enumerate(recordings):
             if isinstance(recording, Recording):
                 recording = save_recording(recording, tmp_path / f"{k}.nc")
             words.append(str(recording))
         monkeypatch.setattr(
-            sys, "argv", ["smsid", "identify", *words, "-o", str(out), "--method", method, "--all"]
+            sys, "argv", ["smsid", "identify", *words, "-o", str(out), "--method", method, "--all", *more]
         )
         code = 0
         try:
@@ -221,15 +221,16 @@ def test_what_is_scaled_is_told_from_two_experiments(identify, which: str):
     assert not [p for p in estimate.parameters if p.status == "identifiable"]
 
 
+@pytest.mark.parametrize("more", [(), ("--modal", "printed")], ids=["smoother", "printed"])
 @pytest.mark.parametrize("how", ["labelled rightly", "labelled wrongly"])
-def test_joints_in_another_order_by_the_papers_method(identify, how: str):
+def test_joints_in_another_order_by_the_papers_method(identify, how: str, more: Sequence[str]):
     straight = exp2()
     labels = {**straight.labels, "joint": tuple(reversed(straight.labels["joint"]))}
     back = changed(straight, of(JOINTS, exchanged(2, 1, 0))) if how == "labelled rightly" else straight
     mixed = Recording.from_arrays(
         None, {c: (back.time(c), back[c]) for c in back.channels}, labels=labels, name="exp2"
     )
-    code, text, estimate = identify(mixed, method="paper")
+    code, text, estimate = identify(mixed, method="paper", more=more)
     assert code == 0, text
     good = [p for p in estimate.parameters if p.status == "identifiable" and p.nominal is not None]
     assert len(good) > 25 if how == "labelled rightly" else not good
