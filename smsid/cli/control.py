@@ -74,8 +74,7 @@ def control_command(
     if study is not None:
         from smsid._files import atomic_write
         from smsid.paper.table4 import Variant
-        from smsid.paper.table4_report import study_report
-        from smsid.paper.table4_study import fly_study
+        from smsid.paper.table4_study import fly_study, study_report
 
         how: dict[str, Any] = {"rate": Variant().rate if rate is None else rate, "crossover": crossover}
         with show_spinner("flying") as tell:

@@ -4,6 +4,6 @@ A leaf: it flies `smsid.control`, fills tables of `smsid.report`, and only comma
 show the paper's figures import it.
 
 - `tables`: Tables 2 and 3 beside an estimate.
-- `table4`: the cases of Table 4, flown; `table4_study` is ``smsid control --study table4``, with the summary,
-  `table4_report` its page.
+- `table4`: the cases of Table 4, flown; `table4_study` is ``smsid control --study table4``, with its summary
+  and its page.
 """

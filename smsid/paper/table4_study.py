@@ -25,7 +25,12 @@ from smsid.paper.table4 import (
     Variant,
     cases,
 )
+from smsid.report.axes import Axis
+from smsid.report.model import Figure, Provenance, Report, Section, Table, Text, Tone, cells
+from smsid.report.numbers import number
+from smsid.report.rows import ChartRow, Mark, RowChart
 
+NAMES = {"base": "base attitude e_b", "joints": "joints e_i"}
 TOGETHER = 20
 """Flights between two looks at the clock."""
 COLUMNS = ("case", "controller", "e_b [rad]", "95 %", "paper", "e_i [rad]", "95 %", "paper")
@@ -106,6 +111,55 @@ def study_cells(d: Mapping[str, Any]) -> list[tuple[str, ...]]:
             ]
         rows.append(tuple(cells))
     return rows
+
+
+def study_report(study: Mapping[str, Any], subject: str, origin: Provenance) -> Report:
+    """Return the report of a study, from the document that the command writes."""
+    verdicts = [c[f"e_{k}"]["verdict"] for c in study["orderings"] for k in NAMES]
+    held, failed = verdicts.count("holds"), verdicts.count("fails")
+    draws = study["rows"][0]["draws"] if study["rows"] else 0
+    sentence = (
+        f"Of the paper's {len(verdicts)} orderings of tracking errors, {held} hold, {failed} fail and "
+        f"{len(verdicts) - held - failed} are undecided with {draws} draws of each case; case D has "
+        f"{study['case_D']}."
+    )
+    if not held and not failed:
+        sentence += " More draws decide (--draws)."
+    note = "The paper's numbers have no unit in print: they are read in degrees, which fits."
+    limited = sum(row["runs_at_a_limit"] for row in study["rows"])
+    note += f" {limited} flights met a limit of wheels or joints." if limited else ""
+    columns = (*COLUMNS[:2], *(f"#{c}" for c in COLUMNS[2:]))
+    table = Table("Every case", columns, [cells(*row) for row in study_cells(study)], note)
+    claims = Text(study_lines(study), bullets=True)
+    sections = (
+        Section("errors", "Largest tracking errors", (*(_chart(study["rows"], k) for k in NAMES), table)),
+        Section("orderings", "The paper's orderings, and how much lower case D is", (claims,)),
+    )
+    tone: Tone = "neutral" if not held and not failed else "warn" if held else "bad"
+    tone = "good" if held == len(verdicts) > 0 else tone
+    glance = (("hold", str(held)), ("fail", str(failed)), ("draws per case", str(draws)))
+    return Report("Study of Table 4", subject, sentence, tone, sections, origin, glance)
+
+
+def _chart(rows: Sequence[Mapping[str, Any]], which: str) -> Figure:
+    out, values = [], []
+    for row in rows:
+        found, printed = row[f"e_{which}"], row.get(f"e_{which}_paper")
+        low, high = found["interval"]
+        series = 0 if row["controller"] == "pd" else 3
+        marks = [Mark(found["median"], low, high, series)]
+        marks += [Mark(printed, series=4, shape="square")] if printed else []
+        values += [low, high, *([printed] if printed else [])]
+        name = f"{row['case']} ({row['note']}), {'PD' if series == 0 else 'H-infinity'}"
+        out.append(ChartRow(name, marks, number(found["median"], 3)))
+    axis = Axis.over("largest error [rad]", values, log=True)
+    legend = (
+        ("PD, median and 95 %", 0, "dot"),
+        ("with H-infinity term", 3, "dot"),
+        ("the paper", 4, "square"),
+    )
+    chart = RowChart(axis, out, f"largest errors of the {NAMES[which]} by case", legend)
+    return Figure(f"errors-{which}", NAMES[which].capitalize(), chart)
 
 
 def _verdict(found: Mapping[str, Any]) -> str:
