@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from pydantic import TypeAdapter
 from scipy import stats
 
 from smsid._files import atomic_write
@@ -109,6 +110,9 @@ class Summary:
         return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
+_SUMMARY = TypeAdapter(Summary)
+
+
 def summarise(records: Iterable[RunRecord], *, level: float = 0.01) -> Summary:
     """Summarise runs; the order they come in does not matter, to the last bit.
 
@@ -155,18 +159,7 @@ def save_summary(summary: Summary, path: str | os.PathLike[str]) -> None:
 def load_summary(path: str | os.PathLike[str]) -> Summary:
     """Load a summary; raises `SmsidError` for a file that is none."""
     with reading_document(path, "campaign_summary", "campaign") as document:
-        own = ParameterSummary.__dataclass_fields__
-        tables = [{k: v for k, v in table.items() if k in own} for table in document["parameters"]]
-        for table in tables:
-            for key in ("ratio_band", "coverage_band"):
-                table[key] = None if table[key] is None else tuple(table[key])
-        return Summary(
-            runs=document["runs"],
-            failures=tuple(Failure(**f) for f in document["failures"]),
-            parameters=tuple(ParameterSummary(**table) for table in tables),
-            level=document["level"],
-            seconds=document["seconds"],
-        )
+        return _SUMMARY.validate_python(document)
 
 
 def coverage_band(runs: int, level: float) -> Band:

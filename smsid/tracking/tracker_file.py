@@ -13,15 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 from scipy.interpolate import BSpline
 
 from smsid._files import atomic_write
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
-from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.problem import ProcessNoise, UnknownInput
 from smsid.inputs.signals import Constant, Sampled, Signal
 from smsid.kernel.filter_arrays import Drive
 from smsid.simulate import Inputs
@@ -38,6 +37,8 @@ SCHEMA = "smsid.tracker"
 VERSION = 7
 STATE = ("q", "v", "unknown", "values", "covariance")
 PASSED = ("edges", "readings", "attitudes", *Drive._fields[:8])
+SETTING, FOLLOWED = TypeAdapter(Setting), TypeAdapter(tuple[Followed, ...])
+HELD = TypeAdapter(tuple[tuple[Unknown, float], ...])
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of files within, so that equal trackers give equal bytes
 
 
@@ -128,12 +129,10 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     tracker.described, tracker.listener, tracker.rescue = description, None, None
     tracker.course = Course()
     tracker.description = modal_panels(description)[0]
-    tracker.setting = _setting(document["setting"])
-    followed = tuple(Followed(**{**x, "unknown": Unknown(**x["unknown"])}) for x in document["followed"])
-    start = StartingPoint(
-        followed, arrays["start_mean"], arrays["start_covariance"], tuple(document["notes"]),
-        tuple((Unknown(**u), x) for u, x in document["held"]),
-    )  # fmt: skip
+    tracker.setting = SETTING.validate_python(document["setting"])
+    followed, held = FOLLOWED.validate_python(document["followed"]), HELD.validate_python(document["held"])
+    notes = tuple(document["notes"])
+    start = StartingPoint(followed, arrays["start_mean"], arrays["start_covariance"], notes, held)
     tracker._build(Point.of(tracker.description), start)
     f = tracker.filter
     f.q, f.v, f.unknown, f.values = (arrays[k] for k in ("q", "v", "unknown", "values"))
@@ -151,11 +150,8 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     tracker._before = arrays.get("before")
     tracker._unknown_channels = set(document["unknown_channels"])
     buffer = tracker.buffer
-    buffer.passed, buffer.newest, buffer.read = (
-        document["passed"],
-        document["newest"],
-        set(document["read"]),
-    )
+    buffer.passed, buffer.newest = document["passed"], document["newest"]
+    buffer.read = set(document["read"])
     buffer.waiting = _restored(document["waiting"], "waiting", arrays)
     tracker._settling = _restored(document["settling"], "settling", arrays)
     tracker.log.last.extend(Event(**e) for e in document["events"])
@@ -279,17 +275,3 @@ def _restored(table: list[dict[str, Any]], prefix: str, arrays: dict[str, np.nda
         MomentEvents(e["time"], {c: arrays[f"{prefix}{i}:{c}"] for c in e["channels"]})
         for i, e in enumerate(table)
     ]
-
-
-def _setting(table: dict[str, Any]) -> Setting:
-    own = dict(table)
-    own["channels"], own["sigma"], own["locked"] = (tuple(own[k]) for k in ("channels", "sigma", "locked"))
-    own["unknown_inputs"] = tuple(UnknownInput(**u) for u in own["unknown_inputs"])
-    noise = dict(own["noise"])
-    noise["hidden"], noise["more"] = tuple(noise["hidden"]), tuple(tuple(x) for x in noise["more"])
-    own["noise"] = ProcessNoise(**noise)
-    initial = dict(own["initial"])
-    initial["hidden"] = tuple(initial["hidden"])
-    initial["by_name"] = {k: tuple(v) for k, v in initial["by_name"].items()}
-    own["initial"] = InitialPrior(**initial)
-    return Setting(**own)

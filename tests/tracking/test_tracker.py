@@ -1,7 +1,7 @@
 """Following a rigid satellite's inertia: against the batch estimate, the truth, and itself restored."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +12,16 @@ from smsid.description import load_description
 from smsid.errors import DescriptionError, RecordingError, SimulationError
 from smsid.estimation.flight import FlightOptions
 from smsid.estimation.identify_flights import identify_flights
+from smsid.estimation.parameter_vector import Polar, Unknown
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 from smsid.tracking import Sample, Tracker, load_tracker, save_tracker, track_recordings
+from smsid.tracking.followed_parameters import Followed
 from smsid.tracking.sample import samples_of
 from smsid.tracking.setting import Setting
+from smsid.tracking.tracker_file import FOLLOWED
 
 from .craft import INERTIA, craft, flight, true_inertia
 
@@ -346,3 +349,11 @@ def test_what_is_not_followed_is_held_at_the_estimate_not_at_the_description(des
     assert np.abs(off).max() < 3.5
     told = np.array([found[n.replace("I", "Ic")].sigma for n in INERTIA])
     assert (everything.sigmas[-1, names] < told).all()
+
+
+def test_what_is_followed_is_restored_whole():
+    """A component of an amplitude keeps what it is a component of; numbers that are not finite stay so."""
+    polar = Polar("wheel.amplitude", "wheel.angle", 0.3)
+    own = (Followed(Unknown("wheel.amplitude", "effect", "N", 0.0, 1.0, 0.1, polar=polar), 0.01),)
+    table = json.loads(json.dumps([asdict(x) for x in own]))
+    assert FOLLOWED.validate_python(table) == own
