@@ -194,7 +194,7 @@ class Diagnosis:
             MissingDependencyError: matplotlib is not installed (``smsid[plot]``).
             SmsidError: nothing was tested.
         """
-        from smsid.figures.diagnosis import diagnosis_figure
+        from smsid.figures.draw import diagnosis_figure
 
         return diagnosis_figure(self)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,18 +11,23 @@ from smsid.campaign.store import read_store
 from smsid.campaign.summary import Summary, summarise
 from smsid.description import load_description
 from smsid.diagnose import load_diagnosis
+from smsid.diagnose.result import Diagnosis
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.figures.canvas import COLOURS, canvas, legend_above, save
-from smsid.figures.diagnosis import diagnosis_figure
-from smsid.figures.estimate import estimate_figure
-from smsid.identify.estimate import load_estimate
+from smsid.figures.canvas import COLOURS, picture, save
+from smsid.identify.estimate import Estimate, load_estimate
+from smsid.identify.estimate_text import asked_for
 from smsid.model import build_model
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording, load_recording
 from smsid.recording._checks import check_clocks
+from smsid.report.axes import Axis
+from smsid.report.campaign import coverage_figures
+from smsid.report.diagnosis_map import diagnosis_map
+from smsid.report.model import Figure as Chart
 from smsid.report.numbers import unit
-from smsid.report.parameters import clip_text
-from smsid.report.stabilisation import diagrams
+from smsid.report.parameters import identifiability
+from smsid.report.plot import Curve, Plot
+from smsid.report.stabilisation import diagrams, stabilisation_figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,25 +73,18 @@ def recording_figure(recording: Recording, channels: Sequence[str] = (), title: 
     recording.require(*channels)
     check_clocks(recording)
     chosen = list(channels) or [c for c in recording.channels if not c.startswith("truth")][:MOST]
-    with canvas(len(chosen), height=0.4 + 1.05 * len(chosen), sharex=True, squeeze=False) as (figure, axes):
-        for ax, name in zip(axes[:, 0], chosen, strict=True):
-            time, values = recording.time(name), recording[name]
-            flat = values.reshape(len(time), -1)
-            every = max(1, len(time) // POINTS)
-            labels = component_labels(recording, name, flat.shape[1])
-            for k in range(flat.shape[1]):
-                label = labels[k] if k < len(labels) else None
-                ax.plot(time[::every], flat[::every, k], color=COLOURS[k % len(COLOURS)], label=label, lw=0.8)
-            shown = unit(recording.unit(name))
-            ax.set_title(name + (f" [{shown}]" if shown else ""))
-            if 1 < flat.shape[1] <= 6:
-                ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, handlelength=1.0)
-        axes[-1, 0].set_xlabel("time [s]")
-        times = [recording.time(c) for c in chosen]
-        axes[-1, 0].set_xlim(min(t[0] for t in times), max(t[-1] for t in times))
-        if title:
-            figure.suptitle(title, fontsize=9)
-    return figure
+    along = Axis.over("time [s]", [recording.time(c)[[0, -1]] for c in chosen], room=0.0)
+    charts = []
+    for name in chosen:
+        time = recording.time(name)
+        every = slice(None, None, max(1, len(time) // POINTS))
+        values = recording[name].reshape(len(time), -1)[every]
+        labels = component_labels(recording, name, values.shape[1])
+        pairs = enumerate(zip(labels, values.T, strict=True))
+        curves = [Curve(label, time[every], x, k % len(COLOURS)) for k, (label, x) in pairs]
+        plot = Plot(along, Axis.over(unit(recording.unit(name)), [values]), curves, name, 105)
+        charts.append(Chart(name, name, plot))
+    return picture(charts, title)
 
 
 def component_labels(recording: Recording, name: str, width: int) -> tuple[str, ...]:
@@ -97,6 +95,21 @@ def component_labels(recording: Recording, name: str, width: int) -> tuple[str, 
         if name.partition(".")[2].startswith(key) and len(known) == width:
             return tuple(known)
     return tuple("xyzw"[:width]) if width in (3, 4) else tuple(str(k + 1) for k in range(width))
+
+
+def estimate_figure(estimate: Estimate, truth: Estimate | None = None, title: str = "") -> Figure:
+    """Return bars of 95 % half-widths relative to size, with the distance from what is known.
+
+    ``truth``: an estimate whose values are true; without it the distance is that from the description. Raises
+    `NotIdentifiableError` when no parameter has an interval.
+    """
+    own = asked_for(estimate)
+    if truth is not None:
+        own = [replace(p, nominal=truth[p.name].value if p.name in truth else None) for p in own]
+    chart = identifiability("estimate", own, beside="the description" if truth is None else "the true value")
+    if not chart.body.rows:  # type: ignore[union-attr]
+        raise NotIdentifiableError("No parameter of the estimate has an interval.", advice="See its notes.")
+    return picture([chart], title)
 
 
 def stabilisation_figure(model: SpacecraftModel, recording: Recording, title: str = "") -> Figure:
@@ -111,56 +124,29 @@ def stabilisation_figure(model: SpacecraftModel, recording: Recording, title: st
             f"'{recording.name}' shows no modes of an appendage.",
             advice="Give a recording with thrust and panel accelerometers.",
         )
-    with canvas(1, len(found), height=2.6, squeeze=False, sharey=True) as (figure, axes):
-        for ax, d in zip(axes[0], found, strict=True):
-            for m in d.modes:
-                ax.axvline(m.frequency, color=COLOURS[1], ls="--", lw=0.8)
-                where = ax.get_xaxis_transform()
-                text = f" {m.frequency:.4g} Hz"
-                ax.text(
-                    m.frequency, 0.01, text, transform=where, size=6.5, rotation=90, va="bottom", ha="left"
-                )
-            ax.plot(*d.points(False), ".", color=COLOURS[2], ms=3, label="not stable")
-            ax.plot(*d.points(True), "o", mfc="none", color=COLOURS[0], ms=4, label="stable pole")
-            ax.yaxis.get_major_locator().set_params(integer=True)
-            ax.set_xlim(0.0, 0.32 * d.rate)
-            ax.set_xlabel(f"frequency [Hz], {d.appendage} sampled at {d.rate:.3g} Hz")
-        axes[0, 0].set_ylabel("model order")
-        legend_above(axes[0, 0])
-        if title:
-            figure.suptitle(title, fontsize=9)
-    return figure
+    return picture(stabilisation_figures("stabilisation", found), title)
+
+
+def diagnosis_figure(diagnosis: Diagnosis, title: str = "") -> Figure:
+    """Return the maps of a diagnosis; raises `SmsidError` for one that holds no tests."""
+    before, after = (diagnosis.tests.get(key, ()) for key in ("nominal", "extended"))
+    named = {"before any cause": before, "with the causes": after}
+    named = {"nominal parameters refitted": before} if before == after else named
+    maps = [diagnosis_map(name, name, tests) for name, tests in named.items()]
+    if not any(maps):
+        raise SmsidError(
+            f"The diagnosis holds no tests: {diagnosis.sentence}",
+            advice="Make it again with `smsid diagnose`; one that is not evaluated has no map.",
+        )
+    return picture([m for m in maps if m is not None], title)
 
 
 def campaign_figure(summary: Summary, title: str = "") -> Figure:
     """Return coverage and relative spread by parameter; raises `SmsidError` where no interval was tested."""
-    tested = [p for p in summary.parameters if p.coverage is not None and p.coverage_band is not None]
-    if not tested:
+    charts = coverage_figures(summary)
+    if not charts:
         raise SmsidError("No interval of the campaign was tested.", advice="It needs a truth and sigmas.")
-    places = range(len(tested))
-    with canvas(1, 2, height=0.9 + 0.17 * len(tested), sharey=True) as (figure, (left, right)):
-        for k, p in zip(places, tested, strict=True):
-            _band(left, k, p.coverage, p.coverage_band, p.coverage_holds)
-            _band(right, k, p.ratio, p.ratio_band, p.ratio_holds)
-        left.axvline(0.95, color="#555", ls="--", lw=0.8)
-        right.axvline(1.0, color="#555", ls="--", lw=0.8)
-        left.set_yticks(list(places), [clip_text(p.name, 40) for p in tested], fontsize=6.5)
-        left.set_ylim(len(tested) - 0.4, -0.6)
-        left.set_xlabel("share of runs whose 95 % interval holds the truth")
-        right.set_xlabel("spread / predicted standard deviation")
-        for ax in (left, right):
-            ax.grid(axis="y", visible=False)
-        left.set_title(f"{summary.runs} runs; shaded: bands at {summary.level:g} over all parameters")
-        if title:
-            figure.suptitle(title, fontsize=9)
-    return figure
-
-
-def _band(ax, k: int, value: float | None, band: tuple[float, float] | None, holds: bool | None) -> None:  # type: ignore[no-untyped-def]
-    if value is None or band is None:
-        return
-    ax.barh(k, band[1] - band[0], left=band[0], height=0.6, color="#e9edf2")
-    ax.plot(value, k, "o" if holds else "D", color=COLOURS[0 if holds else 1], ms=3.2)
+    return picture(charts, title)
 
 
 def _estimate(request: Request) -> Figure:

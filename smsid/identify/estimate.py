@@ -209,7 +209,7 @@ class Estimate:
         Raises:
             MissingDependencyError: matplotlib is not installed (``smsid[plot]``).
         """
-        from smsid.figures.estimate import estimate_figure
+        from smsid.figures.draw import estimate_figure
 
         return estimate_figure(self, truth)
 

@@ -23,7 +23,7 @@ def campaign_report(name: str, summary: Summary, records: Sequence[RunRecord], o
     """Return the report of a campaign, from its summary and its runs."""
     sentence, tone = verdict(summary)
     tested = [p for p in summary.parameters if p.coverage is not None]
-    parts = _coverage(summary, tested)
+    parts = coverage_figures(summary)
     sections = []
     if parts:
         gist = f"bands hold for all at once at {summary.level:g}"
@@ -75,7 +75,9 @@ def verdict(summary: Summary) -> tuple[str, Tone]:
     return f"{text[0].upper()}{text[1:]}; {runs}.", "bad" if out else "warn"
 
 
-def _coverage(summary: Summary, tested: Sequence[ParameterSummary]) -> list[Figure]:
+def coverage_figures(summary: Summary) -> list[Figure]:
+    """Return how often intervals held and how wide they are, by parameter; none without a tested interval."""
+    tested = [p for p in summary.parameters if p.coverage is not None and p.coverage_band is not None]
     if not tested:
         return []
     rows = [

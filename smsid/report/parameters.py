@@ -43,8 +43,10 @@ def interval_cell(p: ParameterEstimate | Value) -> Cell:
     return Cell(half(p.value, low, high), 0.5 * (high - low))
 
 
-def identifiability(name: str, parameters: Sequence[ParameterEstimate]) -> Figure:
-    """Return how well each parameter is known: its interval, and how far the description is.
+def identifiability(
+    name: str, parameters: Sequence[ParameterEstimate], beside: str = "the description"
+) -> Figure:
+    """Return how well each parameter is known: its interval, and how far its nominal value, ``beside``, is.
 
     All relative to the parameter's size (of its kind on the body, for a small one), on one logarithmic axis.
     """
@@ -58,13 +60,13 @@ def identifiability(name: str, parameters: Sequence[ParameterEstimate]) -> Figur
         values.append(width)
         off = np.nan if p.nominal is None else max(p.relative_error(p.nominal, p.reference), SMALLEST)
         if math.isfinite(off):  # nothing is a share of zero
-            items.append(Mark(off, series=5, shape="ring", tip=f"off the description by {share(off)}"))
+            items.append(Mark(off, series=5, shape="ring", tip=f"off {beside} by {share(off)}"))
             values.append(off)
         rows.append(ChartRow(p.name, items, f"± {share(width)}", tone="neutral" if known_well else "warn"))
     legend = [("half of the 95 % interval", 0, "bar")]
     legend += [("the same, not identifiable", 2, "bar")] if any(r.tone == "warn" for r in rows) else []
     described = any(p.nominal is not None for p in shown)
-    legend += [("off the description", 5, "ring")] if described else []
+    legend += [(f"off {beside}", 5, "ring")] if described else []
     axis = Axis.over("share of the parameter's size", values, log=True, within=(SMALLEST, 1e3))
     alt = f"95 % intervals of {len(rows)} parameters relative to their size"
     chart = RowChart(axis, rows, alt, legend, ((IDENTIFIABLE_BELOW * NORMAL95, "limit of identifiable"),))

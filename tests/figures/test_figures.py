@@ -11,8 +11,13 @@ from smsid.diagnose import Diagnosis, save_diagnosis
 from smsid.diagnose.result import SignificantTest
 from smsid.errors import MissingDependencyError, NotIdentifiableError, SmsidError
 from smsid.figures import KINDS, draw
-from smsid.figures.draw import Request, campaign_figure, recording_figure, stabilisation_figure
-from smsid.figures.estimate import estimate_figure
+from smsid.figures.draw import (
+    Request,
+    campaign_figure,
+    estimate_figure,
+    recording_figure,
+    stabilisation_figure,
+)
 from smsid.identify.estimate import save_estimate
 from smsid.recording import Recording, save_recording
 from tests.report.test_builders import ESTIMATE, TESTS, records
