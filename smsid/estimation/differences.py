@@ -4,7 +4,7 @@ Derivatives along the states that a filter found (`smsid.estimation.sensitivitie
 does to the filter's gain and covariance. That is little where the filter knows the states well by what it has
 seen, and much where it does not: where innovations are large, and for springs and dampers of hidden states
 that begin anyhow in a short flight, of which they then claim too much. Differences are exact and cost one run
-of the filter a parameter.
+of the filter a parameter, two where it is not told.
 """
 
 from __future__ import annotations
@@ -111,53 +111,61 @@ def _least_told(found: NormalEquations) -> np.ndarray:
 def _principal_axes(found: NormalEquations) -> np.ndarray:
     """Return axes (m, m), one a column, along each of which one is a standard deviation, in scales.
 
-    Those of the Gram matrix; a parameter at its bound, which may go one way only, is an axis by itself.
+    Those of the Gram matrix; a parameter at its bound, which may go one way only, is an axis by itself. Axes
+    are at right angles in scales: what is told well moves little of what is not, whose bend would stand for a
+    slope.
     """
     size = sizes(found)
     low, high = (np.abs(x) * size for x in room_within_bounds(found.point, found.unknowns))
     free = np.minimum(low, high) > EDGE * STEP
     axes = np.diag(1.0 / size)
     share, basis = np.linalg.eigh(found.gram[np.ix_(free, free)] / np.outer(size[free], size[free]))
-    axes[np.ix_(free, free)] = basis / np.sqrt(np.maximum(share, ROUNDED)) / size[free, None]
+    root = basis / np.sqrt(np.maximum(share, ROUNDED)) / size[free, None]
+    directions, lengths, _ = np.linalg.svd(root)
+    axes[np.ix_(free, free)] = directions * lengths
     return axes
 
 
-Ends = list[tuple[Point, float]]
-"""The point a step away along an axis, and the step: infinite where there is no room."""
+Ends = list[list[tuple[Point, float]]]
+"""Of every axis, the points a step away and the signed steps: infinite where there is no room."""
 
 
 def _ends(found: NormalEquations, axes: np.ndarray) -> Ends:
-    """Return the points a step up along ``axes`` (k, m), in scales, or down at a bound."""
+    """Return the points a step up along ``axes`` (k, m), in scales, or down at a bound.
+
+    A standard deviation of what the recordings do not tell goes far, and what they tell may bend on the way:
+    there a difference is one of both sides, if there is room.
+    """
     low, high = room_within_bounds(found.point, found.unknowns)
-    ends = []
-    for axis in axes:
-        for step in (STEP, -STEP):
-            if np.all((low <= step * axis) & (step * axis <= high)):
-                ends.append((retract(found.point, found.unknowns, step * axis * found.scales), step))
-                break
-        else:
-            ends.append((found.point, np.inf))  # between its bounds it cannot move: no slope
+    told = np.einsum("ki,ij,kj->k", axes, found.information, axes)
+    told /= np.einsum("ki,ij,kj->k", axes, found.gram, axes)
+    ends: Ends = []
+    for axis, share in zip(axes, told, strict=True):
+        steps = [s for s in (STEP, -STEP) if np.all((low <= s * axis) & (s * axis <= high))]
+        own = steps if share < TOLD else steps[:1]
+        points = [(retract(found.point, found.unknowns, s * axis * found.scales), s) for s in own]
+        ends.append(points or [(found.point, np.inf)])  # between its bounds it cannot move: no slope
     return ends
 
 
 def _differences(point: Point, flight: Flight, ends: Ends) -> tuple[np.ndarray, np.ndarray]:
     """Return a recording's Gram matrix (k, k) along axes and the slopes of its `BLOCKS` parts (BLOCKS, k)."""
     gram, blocks = np.zeros((len(ends), len(ends))), np.zeros((BLOCKS, len(ends)))
-    middle, filters = _filter(point, flight), [_filter(p, flight) for p, _ in ends]
+    middle, filters = _filter(point, flight), [[(_filter(p, flight), w) for p, w in own] for own in ends]
     count = len(flight.problem.data.times)
     for first in range(0, count, CHUNK):
         here = middle.advance(CHUNK)
         likely, root = _likelihoods(here), _root(here)
         columns, scores = [], np.empty((len(likely), len(ends)))
-        for k, (kalman, (_, width)) in enumerate(zip(filters, ends, strict=True)):
-            there = kalman.advance(CHUNK)
-            columns.append(_column(here, there, width, root))
-            scores[:, k] = (_likelihoods(there) - likely) / width
+        for k, own in enumerate(filters):
+            runs = [(kalman.advance(CHUNK), width) for kalman, width in own]
+            columns.append(np.mean([_column(here, there, width, root) for there, width in runs], axis=0))
+            scores[:, k] = np.mean([(_likelihoods(there) - likely) / width for there, width in runs], axis=0)
         flat = np.array(columns)
         gram += flat @ flat.T
         np.add.at(blocks, np.arange(first, first + len(likely)) * BLOCKS // count, scores)
-    steps = np.array([0.0 if np.isinf(width) else width for _, width in ends])
-    blocks += 0.5 * steps * np.diag(gram) / BLOCKS  # what a one-sided difference has of the curvature
+    aside = np.array([sum(w for _, w in own if np.isfinite(w)) / len(own) for own in ends])
+    blocks += 0.5 * aside * np.diag(gram) / BLOCKS  # what a one-sided difference has of the curvature
     return gram, blocks
 
 

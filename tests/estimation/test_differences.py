@@ -152,3 +152,33 @@ def test_slopes_along_what_is_hardly_told_are_the_objectives(known, recording):
         ends = [retract(known.point, some, s * step * exact.scales) for s in (0.03, -0.03)]
         up, down = (objective_of(p, some, flights) for p in ends)
         assert exact.slope @ step == pytest.approx((down - up) / 0.06, abs=0.02)
+
+
+def test_what_is_not_told_is_not_told_by_its_bend(tmp_path):
+    """Rotation tells an inertia to a ten-thousandth, and nothing of the centre of mass but by the bend of the
+    inertia about it, which is the square of the centre's distance.
+    """
+
+    def slowly(t):
+        return np.zeros(3), np.zeros(3), 0.05 * np.sin(0.3 * np.array([1.0, 1.5, 2.2]) * t + [0.0, 1.0, 2.0])
+
+    light = replace(
+        RIGID, mass=100.0, centre=(0.0,) * 3, inertia=((6.5, 0.4, -0.3), (0.4, 6, 0.2), (-0.3, 0.2, 4.5))
+    )
+    only = ("st.attitude", "gyro.acceleration", "command.force", "command.torque", "command.wheel_torque")
+    made = recorded(light, light.fly(20.0, slowly), np.random.default_rng(5), without=only)
+    point = Point.of(guess(tmp_path, light, off=0.0, tank=False, panel=False))
+    some = [u for u in unknowns_of(point).unknowns if u.kind == "inertial"]
+    flights = [flight_of(point, made, "flight")]
+    best = maximise(point, some, flights)[0].point
+    point = best.moved(some, np.array([0.05 if u.name == "bus.mx" else 0.0 for u in some]))
+    found = normal_equations(point, some, flights)
+    exact = difference_equations(found, flights)
+    told, basis = np.linalg.eigh(found.gram)  # in units of what is known beforehand
+    assert told[3] == pytest.approx(1.0, abs=0.01) and told[4] > 1e6
+    for share, direction in zip(told, basis.T, strict=True):
+        step = direction / np.sqrt(share)  # a standard deviation
+        assert step @ exact.gram @ step == pytest.approx(1.0, abs=0.1)
+        ends = [retract(point, some, s * step * exact.scales) for s in (0.001, -0.001)]
+        up, down = (objective_of(p, some, flights) for p in ends)
+        assert exact.slope @ step == pytest.approx((down - up) / 0.002, abs=0.01)
