@@ -15,7 +15,7 @@ from smsid.estimation.flight import Flight
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.input_timing import timings
 from smsid.estimation.loosening import MANY
-from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
+from smsid.estimation.normal_equations import NormalEquations, log_likelihood_of, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import CommandTiming
 from smsid.estimation.trust_region import bounded_step, predicted_gain
@@ -42,9 +42,9 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
             other = _with_likely_walks(point, with_timing(flight, timing))
             if at_rest:
                 here = normal_equations(point, unknowns, [other])
-                likely[timing] = predicted_gain(here, bounded_step(here)) - here.objective
+                likely[timing] = predicted_gain(here, bounded_step(here)) + here.log_posterior
             else:
-                likely[timing] = -objective_of(point, unknowns, [other])
+                likely[timing] = log_likelihood_of(point, [other])
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
     best = max(likely, key=lambda t: likely[t], default=now)
@@ -58,7 +58,7 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
 
 def likelihood_with_own_walks(point: Point, flights: Sequence[Flight]) -> float:
     """Return the log-likelihood of flights whose commands act in some way, to be held against another way."""
-    return -objective_of(point, (), [_with_likely_walks(point, f) for f in flights])
+    return log_likelihood_of(point, [_with_likely_walks(point, f) for f in flights])
 
 
 def _with_likely_walks(point: Point, flight: Flight) -> Flight:
@@ -81,7 +81,7 @@ def _with_likely_walks(point: Point, flight: Flight) -> Flight:
     @cache
     def likely(power: int) -> float:
         some = wandering(SHARE**power)
-        return -objective_of(point, (), [replace(some, problem=replace(some.problem, data=data))])
+        return log_likelihood_of(point, [replace(some, problem=replace(some.problem, data=data))])
 
     power, way = 0, 1 if likely(1) > likely(0) else -1
     while abs(power) < FURTHEST and likely(power + way) > likely(power):
@@ -114,7 +114,7 @@ def undecided(found: NormalEquations, flights: Sequence[Flight]) -> tuple[np.nda
                 LOGGER.info("not %s: %s", timing.hold, error)
                 continue
             step = bounded_step(here)
-            share = float(expit(predicted_gain(here, step) - here.objective + found.objective))
+            share = float(expit(predicted_gain(here, step) + here.log_posterior - found.log_posterior))
             more += share * np.outer(step, step)
             if share * float(step @ found.gram @ step) > NEGLIGIBLE**2:
                 notes.append(

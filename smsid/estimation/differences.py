@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.estimation.filter_run import FilterRun, log_likelihoods
+from smsid.estimation.filter_run import FilterRun, log_likelihoods, log_volumes
 from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.loosening import thinned
@@ -151,16 +151,19 @@ def _ends(found: NormalEquations, axes: np.ndarray) -> Ends:
 def _differences(point: Point, flight: Flight, ends: Ends) -> tuple[np.ndarray, np.ndarray]:
     """Return a recording's Gram matrix (k, k) along axes and the slopes of its `BLOCKS` parts (BLOCKS, k)."""
     gram, blocks = np.zeros((len(ends), len(ends))), np.zeros((BLOCKS, len(ends)))
+    profiled = flight.problem.profiled
     middle, filters = _filter(point, flight), [[(_filter(p, flight), w) for p, w in own] for own in ends]
     count = len(flight.problem.data.times)
     for first in range(0, count, CHUNK):
         here = middle.advance(CHUNK)
-        likely, root = _likelihoods(here), _root(here)
+        likely, root = _likelihoods(here, profiled), _root(here)
         columns, scores = [], np.empty((len(likely), len(ends)))
         for k, own in enumerate(filters):
             runs = [(kalman.advance(CHUNK), width) for kalman, width in own]
-            columns.append(np.mean([_column(here, there, width, root) for there, width in runs], axis=0))
-            scores[:, k] = np.mean([(_likelihoods(there) - likely) / width for there, width in runs], axis=0)
+            moved = [_column(here, there, width, root, profiled) for there, width in runs]
+            columns.append(np.mean(moved, axis=0))
+            gained = [(_likelihoods(there, profiled) - likely) / width for there, width in runs]
+            scores[:, k] = np.mean(gained, axis=0)
         flat = np.array(columns)
         gram += flat @ flat.T
         np.add.at(blocks, np.arange(first, first + len(likely)) * BLOCKS // count, scores)
@@ -169,13 +172,16 @@ def _differences(point: Point, flight: Flight, ends: Ends) -> tuple[np.ndarray, 
     return gram, blocks
 
 
-def _column(here: FilterRun, there: FilterRun, width: float, root: np.ndarray) -> np.ndarray:
+def _column(
+    here: FilterRun, there: FilterRun, width: float, root: np.ndarray, profiled: bool = False
+) -> np.ndarray:
     """Return what a change of a parameter does to the errors and to their predicted covariance S, whitened.
 
     Products of such columns are the information ``e_i' S^-1 e_j + tr(S^-1 S_i S^-1 S_j) / 2``, with e_i and
     S_i the derivatives (Kay, *Estimation Theory*, section 3.9). ``root`` is `_root`. Rows that are given are
     what the others are expected by: how the change weighs them is part of e_i, as they were read. As large
-    as S has them, which is what an unknown input may do, they are not.
+    as S has them, which is what an unknown input may do, they are not. Where likelihoods are ``profiled``,
+    S_i tells nothing.
     """
     own = ~here.given
     errors = np.where(here.used, there.errors - here.errors, 0.0)
@@ -183,6 +189,8 @@ def _column(here: FilterRun, there: FilterRun, width: float, root: np.ndarray) -
     ratio -= np.einsum("ni,ij->nij", here.used, np.eye(here.used.shape[1]))
     moved = np.einsum("nij,nj->ni", here.whitening, errors)
     moved += np.einsum("nij,nj->ni", ratio[:, :, here.given], here.innovations[:, here.given])
+    if profiled:
+        return moved[:, own].ravel() / width
     ratio = ratio[:, own][:, :, own]
     spread = (ratio + ratio.transpose(0, 2, 1)) * np.sqrt(0.5)
     return np.concatenate([moved[:, own].ravel(), spread.ravel()]) / width
@@ -193,8 +201,9 @@ def _root(run: FilterRun) -> np.ndarray:
     return np.linalg.inv(run.whitening + np.einsum("ni,ij->nij", ~run.used, np.eye(run.used.shape[1])))
 
 
-def _likelihoods(run: FilterRun) -> np.ndarray:
-    return log_likelihoods(run.innovations, run.whitening, run.given)
+def _likelihoods(run: FilterRun, profiled: bool) -> np.ndarray:
+    whole = log_likelihoods(run.innovations, run.whitening, run.given)
+    return whole - log_volumes(run.whitening, run.given) if profiled else whole
 
 
 def _filter(point: Point, flight: Flight) -> KalmanFilter:

@@ -17,6 +17,7 @@ from smsid.errors import SimulationError
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.measurements import Measurements, matrix, reading_errors
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import UnknownForces
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel import filter as kernel
 from smsid.kernel.filter_arrays import Drive, Model, Record, Samples, State
@@ -52,15 +53,14 @@ class AppliedForces:
 
     def drive(
         self,
-        acts: np.ndarray,
-        walk: np.ndarray,
+        unknown: UnknownForces,
         noise: np.ndarray,
         push_at: np.ndarray | None = None,
         push_middle: np.ndarray | None = None,
     ) -> Drive:
-        """Return what a pass takes: with unknown inputs that act on ``acts`` (k,), their ``walk`` (3, k) and
-        the ``noise`` (nv,) of what is held, all variances; forces change with parameters by ``push_at``
-        (n, d, nv) at samples and by ``push_middle`` (N, d, nv) between them.
+        """Return what a pass takes: with unknown inputs and the ``noise`` (nv,) of what is held, variances;
+        forces change with parameters by ``push_at`` (n, d, nv) at samples and by ``push_middle`` (N, d, nv)
+        between them.
         """
         n, nv = self.at.shape
         before, after = self.at.copy(), self.at.copy()
@@ -79,8 +79,7 @@ class AppliedForces:
             after,
             nothing if push_at is None else push_at,
             nothing if push_middle is None else push_middle,
-            acts,
-            walk,
+            *unknown,
             noise,
         )
 
@@ -270,10 +269,12 @@ def run_plain(
 ) -> int:
     """Do what `smsid.kernel.filter.run` does, over Pinocchio and numpy, for any model: its reference."""
     plant, nv, acts, edges = base.plant, base.model.nv, drive.acts, samples.edges
-    first, p, blocks = 2 * nv + len(acts), state.covariance, base.outputs.data.blocks
+    rated, first = 2 * nv + len(acts), 2 * nv + len(state.unknown)
+    p, blocks = state.covariance, base.outputs.data.blocks
+    ramps = np.column_stack([drive.sloped, len(acts) + np.arange(len(drive.sloped))])
     for k in range(len(samples.values)):
         corrects, t = k < samples.corrections, float(edges[k])
-        off, q, v, driving = reference(plant, parameters, state, acts)
+        off, q, v, driving, climb = reference(plant, parameters, state, acts, drive.sloped)
         moment, lin = _moment(base, t, q, v, drive.at[k] + driving, corrects)
         _put(record.at, k, moment)
         forces = drive.before[k] + driving, drive.after[k] + driving
@@ -285,7 +286,7 @@ def run_plain(
             whole = record.sensitivity[k]
             whole[:, :nv] = ca @ lin.by_q + cq
             whole[:, nv : 2 * nv] = ca @ lin.by_v + cv
-            whole[:, 2 * nv : first] = ca @ lin.by_tau[:, acts]
+            whole[:, 2 * nv : rated] = ca @ lin.by_tau[:, acts]
             if parameters is not None:
                 whole[:, first:] = parameters.readings(moment, forces)
                 if ca.any():
@@ -311,27 +312,31 @@ def run_plain(
             record.sigmas[k] = parameters.scales * np.sqrt(variances)
         if k == len(edges) - 1:
             break
-        off, q, v, driving = reference(plant, parameters, state, acts)
+        off, q, v, driving, climb = reference(plant, parameters, state, acts, drive.sloped)
         h_k, substeps = float(edges[k + 1]) - t, drive.means.shape[1]
         change, forcing = record.transition[k], record.forcing[k, : 2 * nv]
         for s in range(substeps):
             if s == substeps // 2:
-                moment, lin = _moment(base, t + 0.5 * h_k, q, v, drive.middle[k] + driving, corrects)
+                half = drive.middle[k] + driving + 0.5 * h_k * climb
+                moment, lin = _moment(base, t + 0.5 * h_k, q, v, half, corrects)
                 _put(record.middle, k, moment)
                 if corrects:
                     change[: 2 * nv, : 2 * nv], psi = plant.transition(h_k, v, lin)
                     forcing[:] = psi[:, nv:]
-                    change[: 2 * nv, 2 * nv : first] = forcing @ lin.by_tau[:, acts]
+                    change[: 2 * nv, 2 * nv : rated] = forcing @ lin.by_tau[:, acts]
+                    change[: 2 * nv, rated:first] = 0.5 * h_k * change[: 2 * nv, 2 * nv + drive.sloped]
                     change[2 * nv :, 2 * nv :] = np.eye(len(p) - 2 * nv)
                     if parameters is not None:
                         by_theta = parameters.accelerations(moment, drive.push_middle[k])
                         change[: 2 * nv, first:] = forcing @ by_theta
-            tau, rise = drive.means[k, s] + driving, drive.rise[k, s]
-            q, v = plant.step(t + s * h_k / substeps, h_k / substeps, q, v, tau, rise)
+            part = h_k / substeps
+            tau = drive.means[k, s] + driving + (s + 0.5) * part * climb
+            q, v = plant.step(t + s * part, part, q, v, tau, drive.rise[k, s] + 0.5 * part * climb)
         further = change[: 2 * nv] @ off
         state.q[:], state.v[:] = pin.integrate(plant.pin, q, further[:nv]), v + further[nv:]
         if not np.abs(state.v).max(initial=0.0) < WILD:
             return k
+        state.unknown[drive.sloped] += h_k * state.unknown[len(acts) :]
         if parameters is not None:
             own, by = parameters.trends[0].T
             state.values[own] += h_k * state.values[by]
@@ -344,6 +349,7 @@ def run_plain(
                 own = range(first, len(p))
                 p[own, own] += parameters.rates * h_k
                 carry_trends(p, change, first, *parameters.trends, h_k)
+            carry_trends(p, change, 2 * nv, ramps, np.ones(len(ramps)), h_k)
             p[:] = 0.5 * (p + p.T)  # nothing corrects the rest, and unstable motion makes it grow
     return kernel.DONE
 
@@ -386,7 +392,7 @@ def walked(moved: np.ndarray, grown: np.ndarray) -> np.ndarray:
     """Return the covariance (x + k, x + k) that random walks of unknown inputs give a state and themselves.
 
     ``moved`` (x, k) is what a mean of one does to the state in an interval, ``grown`` (3, k) by how much
-    variances grow in it, as in `smsid.estimation.problem.walks_of`.
+    variances grow in it, as in `smsid.estimation.problem.UnknownForces`.
     """
     end, common, mean = grown
     across = moved * common
@@ -404,16 +410,17 @@ def shift(pin_model: pin.Model, parameters: Parameters | None, state: State, ste
 
 
 def reference(
-    plant: ProcessModel, parameters: Parameters | None, state: State, acts: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return how far what is believed is from where it is linear (x,), and there q, v and unknown forces.
+    plant: ProcessModel, parameters: Parameters | None, state: State, acts: np.ndarray, sloped: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return how far what is believed is from where it is linear (x,), and there q, v, unknown forces (nv,)
+    and by how much these climb in a second.
 
     That is the state which goes with the parameters of the model: its mean, given these. So the filter is
     linear about a motion that there can be, however far parameters at first are believed to be. Biases, in
     which readings are linear and which no motion knows, are not among them (``close`` is infinite).
     """
     nv, p = len(state.v), state.covariance
-    off, first = np.zeros(len(p)), 2 * nv + len(acts)
+    off, first = np.zeros(len(p)), 2 * nv + len(state.unknown)
     if parameters is not None:
         d = (state.values - parameters.values) / parameters.scales
         off[first:] = d
@@ -423,9 +430,10 @@ def reference(
             size = np.sqrt(np.maximum(own.diagonal()[bends], 1e-300))
             scaled = own[np.ix_(bends, bends)] / np.outer(size, size) + ROUND * np.eye(len(size))
             off[:first] = p[:first, first:][:, bends] @ (np.linalg.solve(scaled, d[bends] / size) / size)
-    driving = np.zeros(nv)
-    np.add.at(driving, acts, state.unknown - off[2 * nv : first])
-    return off, pin.integrate(plant.pin, state.q, -off[:nv]), state.v - off[nv : 2 * nv], driving
+    driving, climb, there = *np.zeros((2, nv)), state.unknown - off[2 * nv : first]
+    np.add.at(driving, acts, there[: len(acts)])
+    np.add.at(climb, acts[sloped], there[len(acts) :])
+    return off, pin.integrate(plant.pin, state.q, -off[:nv]), state.v - off[nv : 2 * nv], driving, climb
 
 
 def _moment(base: Instance, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, corrects: bool):

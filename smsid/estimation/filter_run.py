@@ -23,8 +23,9 @@ class FilterRun:
     measured minus ``predicted``; ``normalised`` the same in their own standard deviations, not decorrelated.
     ``used`` (N, rows): what took part. ``edges`` are the times of the
     samples and, where more follow, of the next one: there are then N transitions. The rows ``given`` (rows,)
-    are no part of the likelihood, which is of the others beside them. ``begins`` are the samples with which
-    recordings begin, where there are several.
+    are no part of the likelihood, which is of the others beside them; of that ``volume`` is the part of the
+    innovations' covariance alone. ``begins`` are the samples with which recordings begin, where there are
+    several.
     """
 
     innovations: np.ndarray
@@ -46,6 +47,7 @@ class FilterRun:
     edges: np.ndarray
     given: np.ndarray
     begins: tuple[int, ...] = (0,)
+    volume: float = 0.0
 
     @property
     def samples(self) -> int:
@@ -58,9 +60,13 @@ def log_likelihoods(innovations: np.ndarray, whitening: np.ndarray, given: np.nd
 
     Of ``innovations`` (N, rows) by their ``whitening`` (N, rows, rows), both zero where nothing was read.
     """
+    return log_volumes(whitening, given) - 0.5 * (innovations[:, ~given] ** 2).sum(axis=1)
+
+
+def log_volumes(whitening: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Return what of the log-likelihood of each sample (N,) is by its whitening (N, rows, rows) alone."""
     diagonal = np.einsum("nii->ni", whitening)[:, ~given]
-    logs = np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)
-    return logs - 0.5 * (innovations[:, ~given] ** 2).sum(axis=1)
+    return np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)
 
 
 def joined_runs(runs: Sequence[FilterRun]) -> FilterRun:
@@ -85,6 +91,7 @@ def joined_runs(runs: Sequence[FilterRun]) -> FilterRun:
         _states([r.states for r in runs]), _states(middles), whole("inverse"), between("middle_inverse"),
         whole("predicted"), whole("errors"), whole("normalised"), whole("used"), whole("edges"),
         runs[0].given, tuple(np.cumsum([0, *(len(r.innovations) for r in runs[:-1])]).tolist()),
+        sum(r.volume for r in runs),
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from smsid.estimation.measurements import OUTLIER, WIDTH, ChannelSlice, Measurem
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, UnknownInput
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
+from smsid.estimation.torque_walk import UNKNOWN, acceleration_walks
 from smsid.identify.sensor_correction import without_known_errors
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
@@ -27,8 +28,8 @@ from smsid.recording.checks.sample_faults import outliers
 LOGGER = logging.getLogger(__name__)
 LONGEST = 0.1  # [s] between times of the filter: what it linearises over
 PHASE = 0.3  # [rad] of the fastest mode, the same
-UNKNOWN = 3.0  # times its root mean square that a torque which is not known may be
 STILL_SIGMAS = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
+LIVELY = 10.0  # times its likeliest walk that a torque has: too lively costs little, too smooth is wrong
 WINDOW = 0.5  # [s] of a reading whose polynomial gives its acceleration and jerk
 SHORTEST = 20  # samples a flight needs
 WIDEST = 20  # readings of a component from twice which on its outliers can be told
@@ -250,7 +251,10 @@ def _unknown_torques(
     inputs: dict[str, str],
     drives: dict[int, Drive],
 ) -> list[UnknownInput]:
-    """Return the torques of what follows its measured motion: random walks as lively as that motion is."""
+    """Return the torques of what follows its measured motion: as lively as that motion says they are.
+
+    On top of a recorded command they are random walks, by guess.
+    """
     found: list[UnknownInput] = []
     mass = np.diag(pin.crba(model.pin, model.pin.createData(), model.home))
     for group, torque, quantities in (
@@ -266,10 +270,21 @@ def _unknown_torques(
         if torque in inputs:
             commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
             size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
-        walk = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval)
+        walk, slope = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval), np.zeros(len(group))
+        if torque not in inputs:
+            told = acceleration_walks(
+                data.times,
+                data.values[:, block.rows],
+                data.sigma[block.rows],
+                2 if block.quantity == "joint_position" else 1,
+                (acceleration, jerk),
+            )
+            walk = LIVELY * mass[group.v] * [t.walk for t in told]
+            slope = mass[group.v] * [t.slope for t in told]
         for i in free:
             own = int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])
-            found.append(UnknownInput(*own, motor=torque in inputs, row=block.rows.start + i))
+            row = block.rows.start + i
+            found.append(UnknownInput(*own, motor=torque in inputs, row=row, slope=float(slope[i])))
     return found
 
 

@@ -25,7 +25,8 @@ def bridge_length(problem: Problem) -> float:
     data = problem.data
     read = [data.times[np.isfinite(data.values[:, b.rows]).any(axis=1)] for b in data.blocks]
     interval = min((float(np.median(np.diff(t))) for t in read if len(t) > 1), default=np.inf)
-    lasting = [u.sigma / u.walk * np.sqrt(interval) for u in problem.unknown_inputs if u.walk > 0.0]
+    moving = [u for u in problem.unknown_inputs if u.walk > 0.0]
+    lasting = [u.sigma / (u.slope or u.walk / np.sqrt(interval)) for u in moving]
     return max(FEWEST * interval, min(lasting, default=np.inf))
 
 

@@ -11,10 +11,10 @@ from scipy.linalg import block_diag
 from smsid.estimation.bias_walk import BiasWalks
 from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
-from smsid.estimation.filter_run import FilterRun, joined_runs, log_likelihoods
+from smsid.estimation.filter_run import FilterRun, joined_runs, log_likelihoods, log_volumes
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
-from smsid.estimation.problem import Problem, recordings_of, walks_of
+from smsid.estimation.problem import Problem, recordings_of, unknown_forces, unknown_sigmas
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel.filter_arrays import Samples, State
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -62,10 +62,8 @@ class KalmanFilter:
 
     ``q`` (nq,), ``v`` (nv,), the ``unknown`` inputs (k,), the ``values`` of biases that wander (m,) and
     ``covariance`` (x, x), x = 2 nv + k + m, are what is believed of the state at the next sample before it is
-    read. ``input_noise`` (nv,) is the variance of
-    inputs held over a sample, ``walk`` (3, k) that of the unknown inputs per
-    second (`walks_of`). Not to be shared between
-    threads.
+    read. ``input_noise`` (nv,) is the variance of inputs held over a sample, ``forces`` what unknown inputs
+    act on and how they wander. Not to be shared between threads.
     """
 
     def __init__(self, model: SpacecraftModel, problem: Problem, *, until: float = np.inf) -> None:
@@ -84,11 +82,9 @@ class KalmanFilter:
         else:
             self.q, self.v, covariance = begin.q.copy(), begin.v.copy(), begin.covariance
         self.input_noise = _input_covariance(model, problem)
-        unknown = problem.unknown_inputs
-        self.unknown = np.zeros(len(unknown))
-        self._unknown_at = np.array([u.dof for u in unknown], dtype=int)
-        self.walk = walks_of(unknown, problem.timing)
-        start = np.diag([u.sigma**2 for u in unknown])
+        self.forces = unknown_forces(problem.unknown_inputs, problem.timing)
+        start = np.diag(unknown_sigmas(problem.unknown_inputs) ** 2)
+        self.unknown = np.zeros(len(start))
         wandered = np.diag(np.zeros(0) if self.walks is None else self.walks.begin)
         self.values = np.zeros(len(wandered))
         self.covariance: np.ndarray = np.asarray(block_diag(covariance, start, wandered))
@@ -126,7 +122,7 @@ class KalmanFilter:
         state = State(
             self.q.copy(), self.v.copy(), self.unknown.copy(), self.values.copy(), self.covariance.copy()
         )
-        drive = forces.drive(self._unknown_at, self.walk, self.input_noise)
+        drive = forces.drive(self.forces, self.input_noise)
         found = filter_samples(self.base, self.walks, self.compiled_tables, drive, state, own)
         self.q, self.v, self.unknown, self.values, self.covariance = state
         self._next, self._before = first + n, forces.last
@@ -140,6 +136,7 @@ class KalmanFilter:
             States(middle_times, mid_q, mid_v, mid_a, mid_tau, np.zeros_like(mid_tau)),
             inverse, mid_inverse, found.predicted, found.errors, found.normalised,
             present & (times <= self.until)[:, None], edges, self.given,
+            volume=float(log_volumes(found.whitening, self.given).sum()),
         )  # fmt: skip
 
 

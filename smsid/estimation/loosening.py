@@ -11,7 +11,7 @@ import numpy as np
 
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight, longest_step, longest_substep
-from smsid.estimation.normal_equations import objective_of
+from smsid.estimation.normal_equations import log_likelihood_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
@@ -60,7 +60,7 @@ def likeliest_share(point: Point, flights: Sequence[Flight], most: float) -> flo
 def _likelihood(point: Point, flights: Sequence[Flight], share: float) -> float:
     try:
         loose = [replace(f, problem=loosen_model(f.model, f.problem, share)) for f in flights]
-        return -objective_of(point, (), loose)
+        return log_likelihood_of(point, loose)
     except SmsidError as error:
         LOGGER.info("not with %.2g: %s", share, error)
         return -np.inf

@@ -39,6 +39,7 @@ class InnovationSums:
 class Term:
     """A recording's part of the normal equations, or that of a piece of it: data alone, no prior.
 
+    ``volume`` is what of ``log_likelihood`` does not count where parameters are compared (`profiled`).
     ``scatter`` (m, m) is the sum of the outer products of the slopes of `BLOCKS` parts of the recording:
     where the model is right and innovations are white, its mean is the Gram matrix.
     """
@@ -50,6 +51,7 @@ class Term:
     log_likelihood: float
     samples: int
     innovations: InnovationSums
+    volume: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,15 @@ class NormalEquations:
                     own.log_likelihood + t.log_likelihood,
                     own.samples + t.samples,
                     sums,
+                    own.volume + t.volume,
                 )
             out[t.label] = t
         return tuple(out.values())
+
+    @property
+    def log_posterior(self) -> float:
+        """The log-posterior with all that counts where noise is compared, or timing, without constants."""
+        return sum(t.volume for t in self.terms) - self.objective
 
     @property
     def information(self) -> np.ndarray:
@@ -112,12 +120,23 @@ def objective_of(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Fl
 
     Raises `SimulationError` where a filter loses its recording.
     """
-    total = 0.5 * float(np.sum(prior_offset(point, unknowns) ** 2))
-    model = point.model()
-    for flight in flights:
-        kalman = KalmanFilter(model, problem_at(point, flight))
-        for _ in range(0, len(flight.problem.data.times), CHUNK):
-            total -= kalman.advance(CHUNK).log_likelihood
+    likely = sum(_log_likelihood(point, f, profiled=f.problem.profiled) for f in flights)
+    return 0.5 * float(np.sum(prior_offset(point, unknowns) ** 2)) - likely
+
+
+def log_likelihood_of(point: Point, flights: Sequence[Flight]) -> float:
+    """Return the log-likelihood at a point, without constants, by which noise and timing are compared.
+
+    Raises `SimulationError` where a filter loses its recording.
+    """
+    return sum(_log_likelihood(point, f, profiled=False) for f in flights)
+
+
+def _log_likelihood(point: Point, flight: Flight, *, profiled: bool) -> float:
+    kalman, total = KalmanFilter(point.model(), problem_at(point, flight)), 0.0
+    for _ in range(0, len(flight.problem.data.times), CHUNK):
+        run = kalman.advance(CHUNK)
+        total += run.log_likelihood - profiled * run.volume
     return total
 
 
@@ -132,7 +151,7 @@ def normal_equations(point: Point, unknowns: Sequence[Unknown], flights: Sequenc
     rate = np.array([u.scale / u.sigma for u in unknowns])
     gram = np.sum([t.gram for t in terms], axis=0) + np.diag(rate**2)
     slope = np.sum([t.slope for t in terms], axis=0) - rate * off
-    objective = 0.5 * float(off @ off) - sum(t.log_likelihood for t in terms)
+    objective = 0.5 * float(off @ off) - sum(t.log_likelihood - t.volume for t in terms)
     return NormalEquations(point, tuple(unknowns), terms, gram, slope, objective)
 
 
@@ -164,7 +183,7 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
         if u.kind == "start":
             delta[: 2 * flight.model.nv, k] = derivative(here, flight, u)
     scales = np.array([u.scale for u in mine])
-    gram, likely, samples = np.zeros((len(mine),) * 2), 0.0, 0
+    gram, likely, volume, samples = np.zeros((len(mine),) * 2), 0.0, 0.0, 0
     sums = _Sums(problem.data)
     count = len(problem.data.times)
     blocks = np.zeros((BLOCKS, len(mine)))
@@ -178,6 +197,7 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
         flat = whitened.reshape(-1, len(mine))
         gram += flat.T @ flat
         likely += run.log_likelihood
+        volume += problem.profiled * run.volume
         samples += run.samples
         sums.add(np.where(run.used, run.normalised, np.nan))
     slope, scatter = blocks.sum(axis=0), blocks.T @ blocks
@@ -187,7 +207,7 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     spread[np.ix_(index, index)] = scatter * np.outer(scales, scales)
     tilt = np.zeros(len(unknowns))
     tilt[index] = slope * scales
-    return Term(flight.label, whole, tilt, spread, likely, samples, sums.done())
+    return Term(flight.label, whole, tilt, spread, likely, samples, sums.done(), volume)
 
 
 class _Sums:

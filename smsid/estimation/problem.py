@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -60,9 +60,11 @@ class UnknownInput:
     """A generalised force that nobody recorded, estimated with the state: a random walk.
 
     ``dof`` is where it acts, an index in v; ``sigma`` its standard deviation at the first sample [N, N m],
-    ``walk`` by how much it wanders [N/sqrt(s), N m/sqrt(s)]. It comes on top of what was commanded. That
-    of a ``motor`` whose command is recorded is held between samples where commands are. Where it drives what
-    is measured, ``row`` is that reading: how far the force wanders is a guess, and no evidence for anything.
+    ``walk`` by how much it wanders [N/sqrt(s), N m/sqrt(s)]. Where it has a ``slope``, the standard deviation
+    of its rate at the first sample [N/s, N m/s], it is an integrated walk: it goes straight between samples,
+    its rate is a state too, and that is what wanders, by ``walk`` [N/s/sqrt(s)]. It comes on top of what was
+    commanded. That of a ``motor`` whose command is recorded is held between samples where commands are. Where
+    it drives what is measured, ``row`` is that reading: how far it wanders is no evidence for anything.
     """
 
     dof: int
@@ -70,18 +72,42 @@ class UnknownInput:
     walk: float
     motor: bool = False
     row: int = -1
+    slope: float = 0.0
 
 
-def walks_of(inputs: Sequence[UnknownInput], timing: CommandTiming) -> np.ndarray:
-    """Return what random walks of unknown inputs add in a second (3, k): to the variance of each, to what
-    that has in common with its mean over the interval, and to the variance of the mean.
+class UnknownForces(NamedTuple):
+    """Unknown inputs as a filter takes them: they act on ``acts`` (k,); of those ``sloped`` (j,), places
+    among the k, rates are states after them. ``walk`` (3, k + j) is what random walks add in a second: to the
+    variance of each, to what that has in common with its mean over the interval, and to the variance of the
+    mean.
+    """
+
+    acts: np.ndarray
+    sloped: np.ndarray
+    walk: np.ndarray
+
+
+def unknown_forces(inputs: Sequence[UnknownInput], timing: CommandTiming) -> UnknownForces:
+    """Return unknown inputs as a filter takes them.
 
     The mean of a walk in continuous time has a third of what its end has, and half of it in common. What is
     held jumps at the samples: where accelerations are those just before a jump, when the interval begins.
+    Rates jump there, too: all that is between samples is a straight line.
     """
     held = {"left": (1.0, 1.0, 1.0), "right": (1.0, 0.0, 0.0)}[timing.side]
     shares = [held if u.motor and timing.hold == "held" else (1.0, 1.0 / 2.0, 1.0 / 3.0) for u in inputs]
-    return np.ascontiguousarray(np.array(shares).reshape(-1, 3).T) * np.array([u.walk**2 for u in inputs])
+    walk = [np.array(s) * (0.0 if u.slope else u.walk**2) for s, u in zip(shares, inputs, strict=True)]
+    walk += [np.full(3, u.walk**2) for u in inputs if u.slope]
+    return UnknownForces(
+        np.array([u.dof for u in inputs], dtype=np.int64),
+        np.array([i for i, u in enumerate(inputs) if u.slope], dtype=np.int64),
+        np.ascontiguousarray(np.array(walk).reshape(-1, 3).T),
+    )
+
+
+def unknown_sigmas(inputs: Sequence[UnknownInput]) -> np.ndarray:
+    """Return standard deviations of unknown inputs and their rates (k + j,) at the first sample."""
+    return np.array([u.sigma for u in inputs] + [u.slope for u in inputs if u.slope])
 
 
 @dataclass(frozen=True)
@@ -136,6 +162,19 @@ class Problem:
         out = np.zeros(self.data.rows, dtype=bool)
         out[[u.row for u in self.unknown_inputs if u.row >= 0]] = True
         return out
+
+    @property
+    def profiled(self) -> bool:
+        """Whether parameters are compared by the likelihood at the likeliest torques, not in the mean of all.
+
+        So where joints or wheels follow their measured motion and no command is recorded. How torques may
+        wander is a guess, and in the mean over what such a prior allows inertias seem larger or smaller, as
+        in a regression on a measured variable: noise is taken for motion. At the likeliest torques they do
+        not: that is the total least squares of Golub and Van Loan, SIAM J. Numer. Anal. 17 (1980) 883. Where
+        the model may err, too, noise is no measured motion's alone.
+        """
+        unrecorded = any(u.row >= 0 and not u.motor for u in self.unknown_inputs)
+        return unrecorded and not self.noise.more
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""

@@ -27,8 +27,8 @@ class SmoothedStates:
     """States at the samples given all of them.
 
     ``states`` has q (N, nq) and v (N, nv); accelerations and forces are the filter's predictions.
-    ``unknown`` (N, k) are the unknown inputs. ``covariance`` (N, x, x) is that of the tangent of q, of v and
-    of the unknown inputs, x = 2 nv + k; of the parameters it knows nothing: they are taken as exact.
+    ``unknown`` (N, k) are the unknown inputs and their rates. ``covariance`` (N, x, x) is that of the tangent
+    of q, of v and of these, x = 2 nv + k; of the parameters it knows nothing: they are taken as exact.
     """
 
     states: States
@@ -43,7 +43,7 @@ def smoothed_states(model: SpacecraftModel, problem: Problem) -> SmoothedStates:
     when the filter loses the recording.
     """
     filtering = KalmanFilter(model, problem)
-    first, noise, walk = filtering.covariance, filtering.input_noise, filtering.walk
+    first, noise, walk = filtering.covariance, filtering.input_noise, filtering.forces.walk
     wander = np.zeros(0) if filtering.walks is None else filtering.walks.rates
     run = filtering.advance(len(problem.data.times))
     change, covariance = bryson_frazier(
@@ -55,7 +55,7 @@ def smoothed_states(model: SpacecraftModel, problem: Problem) -> SmoothedStates:
         run.innovations,
     )
     nv, known = model.nv, 2 * model.nv + walk.shape[1]
-    predicted = _unknown_inputs(run, nv)[:, : walk.shape[1]]
+    predicted = _unknown_inputs(run, slice(2 * nv, known))
     q = np.array([pin.integrate(model.pin, a, d) for a, d in zip(run.states.q, change[:, :nv], strict=True)])
     states = replace(run.states, q=q, v=run.states.v + change[:, nv : 2 * nv])
     return SmoothedStates(states, predicted + change[:, 2 * nv : known], covariance[:, :known, :known])
@@ -73,7 +73,7 @@ def predicted_covariances(
 
     ``first`` (x, x) is that at the first sample, ``variance`` (rows,) that of readings, ``input_noise`` (nv,)
     that of inputs over a sample, ``walk`` (3, k) by how much the unknown inputs' variance grows in a second
-    (`walks_of`), ``wander`` (m,) the same of biases that wander.
+    (`UnknownForces`), ``wander`` (m,) the same of biases that wander.
     Joseph's form, in which rounding dies out: the gains are the run's own.
     """
     n, width = len(run.gain), first.shape[0]
@@ -92,7 +92,12 @@ def predicted_covariances(
         passed, known = float(run.edges[k + 1] - run.edges[k]), width - len(wander)
         if walk.size:
             inner = known - walk.shape[1]
-            p[:known, :known] += walked(run.transition[k][:inner, inner:known], walk * passed)
+            added = walked(run.transition[k][:inner, inner:known], walk * passed)
+            added[inner:] = (
+                run.transition[k][inner:known, inner:known] @ added[inner:]
+            )  # inputs by their rates
+            added[:, inner:] = added[:, inner:] @ run.transition[k][inner:known, inner:known].T
+            p[:known, :known] += added
         p[range(known, width), range(known, width)] += np.asarray(wander) * passed
         p = 0.5 * (p + p.T)
     return out
@@ -136,7 +141,10 @@ def bryson_frazier(
     return change, covariance
 
 
-def _unknown_inputs(run: FilterRun, nv: int) -> np.ndarray:
-    """Return the unknown inputs (N, k) as predicted: they stay where the last correction left them."""
-    corrections = np.einsum("nxr,nr->nx", run.gain[:, 2 * nv :], np.where(run.used, run.errors, 0.0))
-    return np.vstack([np.zeros_like(corrections[:1]), np.cumsum(corrections, axis=0)[:-1]])
+def _unknown_inputs(run: FilterRun, own: slice) -> np.ndarray:
+    """Return the unknown inputs and their rates (N, k) as predicted, from where corrections left them."""
+    corrections = np.einsum("nxr,nr->nx", run.gain[:, own], np.where(run.used, run.errors, 0.0))
+    out = np.zeros_like(corrections)
+    for k in range(1, len(out)):
+        out[k] = run.transition[k - 1][own, own] @ (out[k - 1] + corrections[k - 1])
+    return out

@@ -188,7 +188,7 @@ def transition(h, v, by_q, by_v, free, out, forcing):
 
 @compile_inner
 def carry_trends(p, change, first, trends, steep, h):
-    """Let parameters, from ``first`` on, change by their trends (k, 2) for h [s]: in the covariance (x, x)
+    """Let states, from ``first`` on, change by their trends (k, 2) for h [s]: in the covariance (x, x)
     and the transition (x, x).
     """
     for k in range(len(trends)):
@@ -205,7 +205,7 @@ def spread(p, change, forcing, inverse, noise, walk, rates, h):
     """Take the covariance (x, x) on through a transition (x, x) of h [s].
 
     The first 2 nv rows of ``forcing`` (x, nv) take accelerations there; ``noise`` (nv,) is that of forces,
-    ``walk`` (3, k) that of unknown inputs (`smsid.estimation.problem.walks_of`).
+    ``walk`` (3, k) that of unknown inputs (`smsid.estimation.problem.UnknownForces`).
     """
     nv, width, acts = len(noise), len(p), walk.shape[1]
     inner = 2 * nv

@@ -68,16 +68,17 @@ def by_parameters(tree, bodies, roots, terms, weights, pushed, push, at, inverse
 
 
 @compile_inner
-def reference(tree, root, state, at, scales, close, regular, acts, off, q, v, driving):
+def reference(tree, root, state, at, scales, close, regular, acts, sloped, off, q, v, driving, climb):
     """Write where the filter is linear: the mean of the state given the model's own parameters.
 
-    ``off`` (x,) is how far what is believed is from there; q (nq,), v (nv,) and unknown forces (nv,).
+    ``off`` (x,) is how far what is believed is from there; q (nq,), v (nv,), unknown forces (nv,) and by how
+    much these ``climb`` in a second.
     Parameters within ``close`` (m,) standard deviations are there already; ``regular`` keeps a covariance so.
     Those with infinitely many, biases, no motion knows: it is linear about the one that is believed of them.
     """
     m, nv, p = len(at), len(v), state.covariance
     first, far = len(p) - m, False
-    off[:], driving[:] = 0.0, 0.0
+    off[:], driving[:], climb[:] = 0.0, 0.0, 0.0
     for i in range(m):
         off[first + i] = (state.values[i] - at[i]) / scales[i]
         far = far or abs(off[first + i]) > close[i] * sqrt(p[first + i, first + i])
@@ -108,6 +109,9 @@ def reference(tree, root, state, at, scales, close, regular, acts, off, q, v, dr
     move(tree, root, state.q, back, q)
     for i in range(len(acts)):
         driving[acts[i]] += state.unknown[i] - off[2 * nv + i]
+    for j in range(len(sloped)):
+        own = len(acts) + j
+        climb[acts[sloped[j]]] += state.unknown[own] - off[2 * nv + own]
 
 
 @compile_inner
@@ -220,12 +224,15 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
     tree, tables, roots = craft
     scales, point, rates, terms, weights, read_terms, read_weights, columns, pushed = parameters[:9]
     trends, steep, close, regular = parameters[9:]
-    at, middle, means, rise, before, after, push_at, push_middle, acts, walk, noise = drive
+    at, middle, means, rise, before, after, push_at, push_middle, acts, sloped, walk, noise = drive
     edges, values, attitudes, present, variance, corrections, order = samples
     bodies, root, p = tables[0], roots[0], state.covariance
     nv, nq, n, joints, m = len(state.v), len(state.q), len(values), len(tree), len(point)
     rows, width, free, substeps = values.shape[1], len(p), root[FREE] > 0.0, means.shape[1]
-    first = 2 * nv + len(acts)
+    first, rated = 2 * nv + len(state.unknown), 2 * nv + len(acts)
+    ramps, unit = np.empty((len(sloped), 2), np.int64), np.ones(len(sloped))
+    for j in range(len(sloped)):
+        ramps[j, 0], ramps[j, 1] = sloped[j], len(acts) + j
     work, angles, force = workspace(joints), np.empty(joints), np.empty(nv)
     own = work, np.empty((joints, 6)), np.empty((joints, 6)), np.empty((joints + 1, 12))
     square = np.empty((8, nv, nv))
@@ -237,14 +244,15 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
         np.empty(joints),
     )  # fmt: skip
     stages = work, angles, np.empty(joints), np.empty((4, 2 * nv)), np.empty(2 * nv), force
-    off, step, driving, sides = np.empty(width), np.empty(width), np.empty(nv), np.empty((2, nv))
+    off, step, sides = np.empty(width), np.empty(width), np.empty((2, nv))
+    driving, climb = np.empty(nv), np.empty(nv)
     change_by_force = np.empty((2 * nv, nv))
     q, v, moved, by_theta, other = np.empty(nq), np.empty(nv), np.empty(nq), np.empty((nv, m)), np.empty(rows)
     at_q, at_v, at_a, at_tau, at_inverse = record.at
     mid_q, mid_v, mid_a, mid_tau, mid_inverse = record.middle
     for k in range(n):
         corrects = k < corrections
-        reference(tree, root, state, point, scales, close, regular, acts, off, q, v, driving)
+        reference(tree, root, state, point, scales, close, regular, acts, sloped, off, q, v, driving, climb)
         a, tau, inverse, h, by_a = at_a[k], at_tau[k], at_inverse[k], record.predicted[k], record.by_a[k]
         at_q[k], at_v[k] = q, v
         roots[:, TIME] = edges[k]
@@ -325,7 +333,7 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                 state.q[:] = moved
                 for c in range(nv):
                     state.v[c] += step[nv + c]
-                for c in range(len(acts)):
+                for c in range(len(state.unknown)):
                     state.unknown[c] += step[2 * nv + c]
                 for c in range(m):
                     state.values[c] += scales[c] * step[first + c]
@@ -334,7 +342,7 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
             record.sigmas[k, c] = scales[c] * sqrt(max(p[first + c, first + c], 0.0))
         if k == len(edges) - 1:
             break
-        reference(tree, root, state, point, scales, close, regular, acts, off, q, v, driving)
+        reference(tree, root, state, point, scales, close, regular, acts, sloped, off, q, v, driving, climb)
         h_k, change, forcing = edges[k + 1] - edges[k], record.transition[k], record.forcing[k]
         a, tau, inverse = mid_a[k], mid_tau[k], mid_inverse[k]
         for s in range(substeps):
@@ -342,7 +350,7 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                 mid_q[k], mid_v[k] = q, v
                 roots[:, TIME] = edges[k] + 0.5 * h_k
                 for c in range(nv):
-                    tau[c] = middle[k, c] + driving[c]
+                    tau[c] = middle[k, c] + driving[c] + 0.5 * h_k * climb[c]
                 if corrects:
                     gravity = linearise(tree, bodies, root, q, v, tau, linear, a, by_q, by_v, inverse, angles)
                     transition(h_k, v, by_q, by_v, free, change, forcing)
@@ -350,6 +358,9 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                         change[i, i] = 1.0
                     multiply(forcing[: 2 * nv], inverse, change_by_force)
                     select(change_by_force, acts, change, 2 * nv)
+                    for j in range(len(sloped)):  # by its mean
+                        for r in range(2 * nv):
+                            change[r, rated + j] = 0.5 * h_k * change[r, 2 * nv + sloped[j]]
                     if m:
                         here = angles, v, a, gravity
                         by_parameters(
@@ -360,10 +371,12 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
                 else:
                     gravity = start_of_chart(tree, root, q, angles)
                     acceleration(tree, bodies, root, angles, v, tau, gravity, work, a)
+            part = h_k / substeps
             for c in range(nv):
-                sides[0, c] = means[k, s, c] + driving[c]
-            root[TIME] = edges[k] + s * h_k / substeps
-            step_ahead(tree, bodies, root, q, v, sides[0], rise[k, s], h_k / substeps, stages, moved)
+                sides[0, c] = means[k, s, c] + driving[c] + (s + 0.5) * part * climb[c]
+                sides[1, c] = rise[k, s, c] + 0.5 * part * climb[c]
+            root[TIME] = edges[k] + s * part
+            step_ahead(tree, bodies, root, q, v, sides[0], sides[1], part, stages, moved)
             q[:] = moved
         for r in range(2 * nv):
             step[r] = 0.0
@@ -378,9 +391,12 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
             lost = lost or not abs(state.v[c]) < wild
         if lost:
             return k
+        for j in range(len(sloped)):
+            state.unknown[sloped[j]] += h_k * state.unknown[len(acts) + j]
         for i in range(len(trends)):
             state.values[trends[i, 0]] += h_k * state.values[trends[i, 1]]
         if corrects:
             spread(p, change, forcing, inverse, noise, walk, rates, h_k)
+            carry_trends(p, change, 2 * nv, ramps, unit, h_k)
             carry_trends(p, change, first, trends, steep, h_k)
     return DONE

@@ -55,8 +55,8 @@ class Model(NamedTuple):
 class Drive(NamedTuple):
     """Applied forces: at samples (n, nv), in the middle and over substeps between them (N, nv), (N, s, nv),
     their half rises; just before and after samples (n, nv); by how much they change with parameters
-    (n, d, nv), (N, d, nv). Unknown inputs act on ``acts`` (k,) and wander by ``walk`` (3, k) a second;
-    ``noise`` (nv,) is the variance of what is held.
+    (n, d, nv), (N, d, nv). Unknown inputs act on ``acts`` (k,), have rates in the state where ``sloped`` (j,)
+    and wander by ``walk`` (3, k + j) a second; ``noise`` (nv,) is the variance of what is held.
     """
 
     at: np.ndarray
@@ -68,6 +68,7 @@ class Drive(NamedTuple):
     push_at: np.ndarray
     push_middle: np.ndarray
     acts: np.ndarray
+    sloped: np.ndarray
     walk: np.ndarray
     noise: np.ndarray
 
@@ -88,8 +89,8 @@ class Drive(NamedTuple):
 
 
 class State(NamedTuple):
-    """What is believed, changed in place: q (nq,), v (nv,), unknown inputs (k,), values of parameters (m,),
-    and covariance (x, x) of all, x = 2 nv + k + m.
+    """What is believed, changed in place: q (nq,), v (nv,), unknown inputs and their rates (k,), values of
+    parameters (m,), and covariance (x, x) of all, x = 2 nv + k + m.
     """
 
     q: np.ndarray

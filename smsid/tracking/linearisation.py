@@ -15,6 +15,7 @@ from smsid.estimation.compiled_filter import Change, effect_tables, inertial_tab
 from smsid.estimation.filter_pass import CLOSE, Instance, Moment
 from smsid.estimation.measurements import Measurements
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import UnknownForces
 from smsid.estimation.sensitivities import DIFFERENCE
 from smsid.kernel.filter_arrays import Drive
 from smsid.simulate import Inputs
@@ -139,11 +140,12 @@ class Linearisation:
         edges: np.ndarray,
         substep: float,
         before: np.ndarray | None,
-        unknown: tuple[np.ndarray, np.ndarray, np.ndarray],
+        unknown: UnknownForces,
+        noise: np.ndarray,
     ) -> Drive:
         """Return the applied forces between edges (n + 1,) [s] and at them; ``before`` (nv,) those earlier.
 
-        ``unknown`` are where unknown inputs act (k,), how they wander (k,), and the noise of all (nv,).
+        ``noise`` (nv,) are variances of what is held.
         """
         own = applied_forces(self.base.plant, inputs, edges, substep)
         shape = (sum(d.drives for d in self.differences), len(own.at[0]))
@@ -152,7 +154,7 @@ class Linearisation:
             low, high = (applied_forces(x.plant, inputs, edges, substep) for x in (d.low, d.high))
             at[:, k] = d.factor * (high.at - low.at)
             middle[:, k] = d.factor * (high.middle - low.middle)
-        return replace(own, before=before).drive(*unknown, at, middle)
+        return replace(own, before=before).drive(unknown, noise, at, middle)
 
     def accelerations(self, moment: Moment, push: np.ndarray) -> np.ndarray:
         """Return how accelerations change with the parameters (nv, m), per scale.

@@ -13,7 +13,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.filter_pass import filter_samples, reference, shift
 from smsid.estimation.measurements import Measurements
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Belief, CommandTiming, UnknownInput, walks_of
+from smsid.estimation.problem import Belief, CommandTiming, UnknownInput, unknown_forces, unknown_sigmas
 from smsid.kernel.filter_arrays import Drive, Record, Samples, State
 from smsid.simulate import Inputs
 from smsid.tracking.followed_parameters import Followed
@@ -33,8 +33,9 @@ NEGLIGIBLE = 1e-6  # of a parameter's size: nothing is built anew for less
 class ParameterFilter:
     """What is believed of motion, unknown inputs and parameters, and how it goes on.
 
-    ``q`` (nq,), ``v`` (nv,), ``unknown`` inputs (k,) and ``values`` (m,) of the parameters at ``time`` [s];
-    ``covariance`` (x, x) of the tangent of q, of v, of unknown inputs, and of parameters over their scales.
+    ``q`` (nq,), ``v`` (nv,), ``unknown`` inputs and their rates (k,), ``values`` (m,) of parameters at
+    ``time`` [s]; ``covariance`` (x, x) of the tangent of q, of v, of these, and of parameters over their
+    scales.
     ``input_noise`` (nv,) are variances of errors of applied forces, held over a step.
     """
 
@@ -59,8 +60,7 @@ class ParameterFilter:
         self._unknowns = tuple(f.unknown for f in self.followed)
         self.scales = np.array([u.scale for u in self._unknowns])
         self._rates = np.array([f.rate for f in self.followed]) / self.scales
-        walk = walks_of(self.unknown_inputs, self.timing)
-        self.inputs = np.array([u.dof for u in self.unknown_inputs], dtype=int), walk, self.input_noise
+        self.forces = unknown_forces(self.unknown_inputs, self.timing)
         self._variance = self.layout.sigma**2
         self._bends = np.array([u.kind not in ("bias", "trend") for u in self._unknowns])
         names = [n for e in self.origin.description.effect for n in e.lasting_joints()]
@@ -92,7 +92,7 @@ class ParameterFilter:
             self.values[pairs[:, 0]] += passed * self.values[pairs[:, 1]]
             own = move @ own @ move.T
         own.flat[:: len(own) + 1] += self._rates**2 * passed
-        sigma = np.array([u.sigma for u in self.unknown_inputs])
+        sigma = unknown_sigmas(self.unknown_inputs)
         nv, k = len(belief.v), len(sigma)
         p = np.zeros((2 * nv + k + len(own),) * 2)
         p[: 2 * nv, : 2 * nv] = belief.covariance
@@ -241,7 +241,7 @@ class ParameterFilter:
     ) -> Drive:
         """Return what drives the motion between edges (n + 1,) [s]; ``before`` (nv,) are forces earlier."""
         self.commanded = inputs, substep
-        return self.at.drive(inputs, edges, substep, before, self.inputs)
+        return self.at.drive(inputs, edges, substep, before, self.forces, self.input_noise)
 
     def go_on(self, edges: np.ndarray, drive: Drive, values: np.ndarray, attitudes: np.ndarray) -> Record:
         """Go through ``edges`` (n,) [s], from where it is, and take in what was read at them.
@@ -261,7 +261,7 @@ class ParameterFilter:
 
     def reference_offset(self) -> np.ndarray:
         """Return how far what is believed is from where the filter is linear (x,)."""
-        return reference(self.at.base.plant, self.at, self._state(), self.inputs[0])[0]
+        return reference(self.at.base.plant, self.at, self._state(), self.forces.acts, self.forces.sloped)[0]
 
     def _state(self) -> State:
         """Return what is believed, to be changed."""

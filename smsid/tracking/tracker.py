@@ -15,7 +15,7 @@ from smsid.estimation.kalman import _input_covariance
 from smsid.estimation.measurements import TOGETHER
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.problem import Belief, CommandTiming, Problem
+from smsid.estimation.problem import Belief, CommandTiming, Problem, unknown_sigmas
 from smsid.identify.estimate import Estimate
 from smsid.kernel.filter_arrays import Record
 from smsid.likelihood.prior import Cad
@@ -92,7 +92,7 @@ class Tracker:
         layout = setting.layout(model, self.description)
         locked = np.array(setting.locked, dtype=int)
         scales = np.array([f.unknown.scale for f in start.followed])
-        m, k = len(scales), len(setting.unknown_inputs)
+        m, k = len(scales), len(unknown_sigmas(setting.unknown_inputs))
         covariance = np.zeros((2 * model.nv + k + m,) * 2)
         covariance[-m:, -m:] = start.covariance / np.outer(scales, scales)
         timing, unknown = CommandTiming(setting.hold), setting.unknown_inputs

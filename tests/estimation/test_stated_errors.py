@@ -133,7 +133,7 @@ def test_covariances_of_a_walk_are_those_of_the_filter_and_grow_over_gaps(flown,
     first, walks = filtering.covariance, filtering.walks
     run = filtering.advance(200)
     cut = flight.problem.data.sigma**2
-    whole = predicted_covariances(run, first, cut, filtering.input_noise, filtering.walk, walks.rates)
+    whole = predicted_covariances(run, first, cut, filtering.input_noise, filtering.forces.walk, walks.rates)
     own = filtering.covariance
     after = KalmanFilter(point.model(), flight.problem)
     after.advance(199)

@@ -26,6 +26,7 @@ from smsid.effects.force_laws import BacklashForce
 from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.measurements import matrix
+from smsid.estimation.problem import UnknownForces
 from smsid.kernel.arrays import arrays_of
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
 from smsid.kernel.filter_arrays import Samples, State
@@ -39,6 +40,7 @@ from smsid.tracking import Tracker
 from smsid.tracking.setting import Setting
 
 N, STEP = 4, 0.05  # samples, [s] between them
+UNKNOWN = np.array([0.1, -0.2, 0.7])  # two unknown inputs, and the rate of the second
 SENSED = {
     "plain": {},
     "late": {"delay": 7e-3, "time_offset": 1e-3},
@@ -84,7 +86,7 @@ def moving(model, rng):
 
 
 def forces(model, moves, rng):
-    """Return applied forces over some moves, and the arguments of a drive with two unknown inputs."""
+    """Return applied forces over some moves, and the arguments of a drive with unknown inputs."""
     own = AppliedForces(
         0.3 * rng.standard_normal((moves, 2, model.nv)),
         0.3 * rng.standard_normal((moves, model.nv)),
@@ -92,8 +94,11 @@ def forces(model, moves, rng):
         0.1 * rng.standard_normal((moves, 2, model.nv)),
         0.3 * rng.standard_normal(model.nv),
     )
-    acts = np.array([0, model.nv - 1])
-    return own, (acts, np.array([[1e-3, 2e-3], [4e-4, 0.0], [3e-4, 2e-3]]), np.full(model.nv, 1e-4))
+    walk = np.array([[1e-3, 2e-3, 5e-4], [4e-4, 0.0, 5e-4], [3e-4, 2e-3, 5e-4]])
+    return own, (
+        UnknownForces(np.array([0, model.nv - 1]), np.array([1]), walk),
+        np.full(model.nv, 1e-4),
+    )
 
 
 def read(outputs, q, v, a, rng):
@@ -296,9 +301,9 @@ def assert_passes_are_the_same(craft, description, within=1e-10):
     samples = Samples(
         STEP * np.arange(N + 1), values, attitudes, np.isfinite(values), np.full(size, 1.0), N - 1, order
     )
-    p, found = covariance(2 * model.nv + 2, rng), []
+    p, found = covariance(2 * model.nv + len(UNKNOWN), rng), []
     for way in (compiled, None):
-        state = State(q.copy(), v.copy(), np.array([0.1, -0.2]), np.zeros(0), p.copy())
+        state = State(q.copy(), v.copy(), UNKNOWN.copy(), np.zeros(0), p.copy())
         found.append((filter_samples(base, None, way, own.drive(*inputs), state, samples), state))
     assert_same(*(record for record, _ in found), within=within)
     assert_same(*(state for _, state in found), within=within)
@@ -333,10 +338,10 @@ def test_a_pass_with_parameters_is_the_plain_one(crafts, sensed, more):
     assert len(f.at.trends[0]) >= 2
     q, v = moving(f.at.base.model, rng)
     own, inputs = forces(f.at.base.model, N - 1, rng)
-    f.q, f.v, f.time, f.inputs = q, v, 0.0, inputs
-    f.unknown, f.input_noise = np.array([0.1, -0.2]), inputs[2]
+    f.q, f.v, f.time, f.unknown = q, v, 0.0, UNKNOWN.copy()
+    f.forces, f.input_noise = inputs
     m = len(f.values)
-    f.covariance = covariance(2 * len(v) + 2 + m, rng)
+    f.covariance = covariance(2 * len(v) + len(UNKNOWN) + m, rng)
     f.values = f.at.values + 1e-3 * f.scales * rng.standard_normal(m)
     values, attitudes = read(f.at.base.outputs, q, v, np.zeros(len(v)), rng)
     values, attitudes = np.tile(values, (N, 1)), np.tile(attitudes, (N, 1, 1))
