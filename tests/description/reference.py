@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 
 from pydantic import BaseModel
@@ -13,12 +13,13 @@ from pydantic_core import PydanticUndefined
 
 from smsid._files import atomic_write
 from smsid.effects.appendage import ModalAppendage, Mode
-from smsid.effects.base import catalogue
+from smsid.effects.base import Effect, catalogue
 from smsid.recording.channels import QUANTITIES
 from smsid.sensing import ErrorModel
 
 BEGIN, END = "<!-- effects: begin -->", "<!-- effects: end -->"
 ERRORS = "<!-- errors: begin -->", "<!-- errors: end -->"
+SHARED = "<!-- shared: begin -->", "<!-- shared: end -->"
 CHANNELS = "<!-- channels: begin -->", "<!-- channels: end -->"
 
 KNOWN, NOISE = "taken into account as known", "as noise"
@@ -56,10 +57,16 @@ def effects_reference() -> str:
     """
     lines: list[str] = []
     for kind, cls in sorted(catalogue().items()):
-        lines += [f"### `{kind}`", "", f"{cls.summary[:1].upper()}{cls.summary[1:]}.", "", *_table(cls)]
+        lines += [f"## `{kind}`", "", f"{cls.summary[:1].upper()}{cls.summary[1:]}.", ""]
+        lines += _table(cls, set(Effect.model_fields))
         if issubclass(cls, ModalAppendage):
             lines += ["Keys of `[[effect.mode]]`:", "", *_table(Mode)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def shared_reference() -> str:
+    """Return Markdown with a table of the keys that every kind of effect has."""
+    return "\n".join(_table(Effect)).rstrip() + "\n"
 
 
 def errors_reference() -> str:
@@ -85,6 +92,7 @@ def write_reference(path: str | os.PathLike[str]) -> None:
     """Put each reference between its two marks in a Markdown file, where it has them."""
     text = Path(path).read_text(encoding="utf-8")
     written = {(BEGIN, END): effects_reference, ERRORS: errors_reference, CHANNELS: channels_reference}
+    written[SHARED] = shared_reference
     for (begin, end), reference in written.items():
         if begin in text:
             before, rest = text.split(begin)
@@ -93,12 +101,14 @@ def write_reference(path: str | os.PathLike[str]) -> None:
     atomic_write(path, text)
 
 
-def _table(model: type[BaseModel]) -> Iterator[str]:
+def _table(model: type[BaseModel], told: Container[str] = ()) -> Iterator[str]:
+    """Yield the table of a model's keys, but for those ``told`` elsewhere; nothing where none are left."""
+    own = {n: info for n, info in model.model_fields.items() if n != "kind" and n not in told}
+    if not own:
+        return
     yield "| key | parameter in | default | meaning |"
     yield "|---|---|---|---|"
-    for name, info in model.model_fields.items():
-        if name == "kind":
-            continue
+    for name, info in own.items():
         extra = info.json_schema_extra
         unit = extra.get("unit", "") if isinstance(extra, dict) else ""
         yield f"| `{name}` | {unit} | {_default(info)} | {info.description or ''} |"
@@ -115,5 +125,5 @@ def _default(info: FieldInfo) -> str:
 
 
 if __name__ == "__main__":
-    for page in ("description", "design"):
+    for page in ("description", "effects", "design"):
         write_reference(Path(__file__).resolve().parents[2] / "docs" / f"{page}.md")

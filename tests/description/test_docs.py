@@ -1,4 +1,4 @@
-"""docs/description.md lists every key, and its table of effects is the catalogue's."""
+"""docs/description.md and docs/effects.md list every key; the tables of effects are the catalogue's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from smsid.description import Arm, Description, Mount, Thrust, Thruster, Wheel, load_description
 from smsid.description.robots import robot_files, robots_folder
-from smsid.effects import Mode, catalogue
+from smsid.effects import Effect, Mode, catalogue
 from smsid.errors import MissingDependencyError
 from smsid.model import build_model
 from smsid.recording.channels import QUANTITIES
@@ -21,23 +21,26 @@ from tests.description.reference import (
     CHANNELS,
     END,
     ERRORS,
+    SHARED,
     channels_reference,
     effects_reference,
     errors_reference,
+    shared_reference,
     write_reference,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs" / "description.md"
 TEXT = DOCS.read_text(encoding="utf-8")
+EFFECTS = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
 
 
-def section(title: str) -> str:
+def section(title: str, page: str = TEXT) -> str:
     """The text under a heading, up to the next heading of its level or above."""
     level = title.split(" ")[0]
-    start = TEXT.index(f"\n{title}\n") + len(title) + 2
-    end = re.search(rf"^#{{1,{len(level)}}} ", TEXT[start:], re.MULTILINE)
-    return TEXT[start:][: end.start()] if end else TEXT[start:]
+    start = page.index(f"\n{title}\n") + len(title) + 2
+    end = re.search(rf"^#{{1,{len(level)}}} ", page[start:], re.MULTILINE)
+    return page[start:][: end.start()] if end else page[start:]
 
 
 def keys(text: str) -> list[str]:
@@ -73,13 +76,17 @@ def test_every_key_of_an_arm_is_listed():
 
 
 def test_every_kind_and_parameter_of_an_effect_is_listed():
+    begin, end = SHARED
+    shared = EFFECTS.split(begin)[1].split(end)[0].strip()
+    assert shared == shared_reference().strip(), "write it anew with python -m tests.description.reference"
+    assert set(keys(shared)) == set(Effect.model_fields) - {"kind"}
     for kind, cls in catalogue().items():
-        text = section(f"### `{kind}`")
-        assert set(keys(text)) >= set(cls.model_fields) - {"kind"}
+        text = section(f"## `{kind}`", EFFECTS)
+        assert set(keys(text)) >= set(cls.model_fields) - {"kind", *keys(shared)}
         for name, info in cls.model_fields.items():
             if isinstance(info.json_schema_extra, dict):
                 assert f"| `{name}` | {info.json_schema_extra['unit']} |" in text
-    assert set(keys(section("### `modal_appendage`"))) >= set(Mode.model_fields)
+    assert set(keys(section("## `modal_appendage`", EFFECTS))) >= set(Mode.model_fields)
     for kind in MEASURES:
         assert f"`{kind}`" in section("## `[[sensor]]`")
 
@@ -99,12 +106,13 @@ def test_the_table_of_channels_is_that_of_the_code():
 
 
 def test_the_table_of_effects_is_that_of_the_catalogue(tmp_path):
-    inside = TEXT.split(BEGIN)[1].split(END)[0].strip()
+    inside = EFFECTS.split(BEGIN)[1].split(END)[0].strip()
     assert inside == effects_reference().strip(), "write it anew with python -m tests.description.reference"
     copy = tmp_path / "x.md"
-    copy.write_text(TEXT.split(BEGIN)[0] + BEGIN + "stale" + END + TEXT.split(END)[1], encoding="utf-8")
+    before, after = EFFECTS.split(BEGIN)[0], EFFECTS.split(END)[1]
+    copy.write_text(before + BEGIN + "stale" + END + after, encoding="utf-8")
     write_reference(copy)
-    assert copy.read_text(encoding="utf-8") == TEXT
+    assert copy.read_text(encoding="utf-8") == EFFECTS
 
 
 def test_every_key_of_the_built_in_effects_has_a_meaning():
