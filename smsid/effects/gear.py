@@ -24,7 +24,8 @@ class Gear(JointEffect):
 
     summary = "gear of a motor: from what the motor measures to joint angle and torque"
     not_estimated = dict.fromkeys(
-        ("ratio", "torque_gain"), "a spacecraft's recordings are of joints, not of motors; an arm on the ground tells it"
+        ("ratio", "torque_gain"),
+        "a spacecraft's recordings are of joints, not of motors; a welded arm tells it",
     )
     on_readings = True
     in_words = "the gear of {place} turns by another ratio than described"
@@ -99,7 +100,8 @@ class Servo(JointEffect):
 
     summary = "servo of a joint: from commanded position to torque"
     not_estimated = dict.fromkeys(
-        ("stiffness", "damping", "limit"), "a spacecraft's motors are commanded by torque; an arm on the ground tells it"
+        ("stiffness", "damping", "limit"),
+        "a spacecraft's motors are commanded by torque; a welded arm tells it",
     )
     on_readings = True
     in_words = "the servo of {place} has another gain than described"
