@@ -39,6 +39,7 @@ ROWS = 28  # of a table, unless everything is asked for
 STATUS_STYLE = {"identifiable": "green", "not_identifiable": "yellow"}
 CELL = 38  # characters of a name in a table
 GAP = 2  # between columns
+DOUBTS = 5  # lines of what cannot be told
 
 
 def plain_table(
@@ -81,8 +82,8 @@ def estimate_parts(estimate: Estimate, *, everything: bool = False) -> Iterator[
     yield from (Text(clip_line(line), style="yellow") for line in doubts(asked))
 
 
-def doubts(parameters: Iterable[ParameterEstimate], most: int = 5) -> list[str]:
-    """Return in at most ``most`` lines which parameters are not identifiable, by reason."""
+def doubts(parameters: Iterable[ParameterEstimate]) -> list[str]:
+    """Return in at most `DOUBTS` lines which parameters are not identifiable, by reason."""
     reasons: dict[str, list[str]] = {}
     for p in parameters:
         if p.status == "not_identifiable":
@@ -91,9 +92,9 @@ def doubts(parameters: Iterable[ParameterEstimate], most: int = 5) -> list[str]:
     for reason, names in reasons.items():
         listed = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
         lines.append(f"not identifiable: {listed}" + (f" ({reason})" if reason else ""))
-    if len(lines) > most:
-        rest = sum(len(names) for names in list(reasons.values())[most - 1 :])
-        lines = [*lines[: most - 1], f"not identifiable: {rest} more, see --all"]
+    if len(lines) > DOUBTS:
+        rest = sum(len(names) for names in list(reasons.values())[DOUBTS - 1 :])
+        lines = [*lines[: DOUBTS - 1], f"not identifiable: {rest} more, see --all"]
     return lines
 
 

@@ -90,12 +90,14 @@ class TankFit:
         return float(np.sqrt(np.mean(self.residual[before] ** 2))) if before.any() else float("nan")
 
 
+LARGEST_LAG = 0.1  # [s] up to which a lag of the force is sought
+
+
 def tank_test(
     force: tuple[np.ndarray, np.ndarray],
     motion: tuple[np.ndarray, np.ndarray],
     *,
     cutoff: float = 15.0,
-    largest_lag: float = 0.1,
 ) -> TankTest:
     """Bring force and motion, each with its own clock, together.
 
@@ -104,7 +106,6 @@ def tank_test(
         tank [N]. motion: times (M,) [s] and position (M,) of the container along that axis [m].
         cutoff: of the zero-phase low-pass that takes arm vibration away [Hz]; well above the third
             harmonic of the slosh, which its softening excites.
-        largest_lag: lags of the force are sought up to this size [s].
 
     Raises:
         RecordingError: clocks that do not increase, no common span, or force and acceleration are not alike.
@@ -124,7 +125,7 @@ def tank_test(
     every = max(1, int(step / raw))
     times, pushed, position = fine[::every], smooth[0][::every], smooth[1][::every]
     acceleration = make_interp_spline(times, position, k=5).derivative(2)(times)
-    lag = estimate_lag((times, acceleration), (times, pushed), largest=largest_lag)
+    lag = estimate_lag((times, acceleration), (times, pushed), largest=LARGEST_LAG)
     late = acceleration[np.maximum(np.arange(times.size) - round(lag.value / (times[1] - times[0])), 0)]
     moving = np.maximum(np.abs(acceleration), np.abs(late)) > AT_REST * np.abs(acceleration).max()
     first, last = np.flatnonzero(moving)[[0, -1]]

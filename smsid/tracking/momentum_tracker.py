@@ -54,7 +54,6 @@ class MomentumTracker:
         estimate: of the paper's method, whose Step B is what is known beforehand.
         cad: without one, how far bodies may be off the description, relative to their size.
         memory: time [s] over which equations, and the prior, are forgotten; ``None`` keeps all.
-        mass: total mass [kg], the description's if not given.
         window: [s] of motion taken in together.
 
     Raises:
@@ -69,7 +68,6 @@ class MomentumTracker:
         estimate: Estimate | None = None,
         cad: float = UNCERTAIN,
         memory: float | None = None,
-        mass: float | None = None,
         window: float = WINDOW,
     ) -> None:
         for label, value in (("memory", memory), ("window", window)):
@@ -79,7 +77,6 @@ class MomentumTracker:
         self.description = linear_appendages(description)[0]
         self.model = build_model(self.description)
         check_on_bus(self.model)
-        self.mass = self.model.mass if mass is None else mass
         self.window, self.memory = round(window * RATE) / RATE, memory
         self.regressor = Regressor(self.model)
         self.base, self.split = if_all_moved(self.model)
@@ -245,14 +242,16 @@ class MomentumTracker:
 
     def _equations(self, motion: Motion, hidden: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
         """Return rows (N, 6, m + 3) of the combinations and the centre's offset, right-hand side (N, 6)."""
-        full, rhs = rows_b(self.model, self.regressor, self.split, motion, hidden, self.mass, self._centre)
+        full, rhs = rows_b(
+            self.model, self.regressor, self.split, motion, hidden, self.model.mass, self._centre
+        )
         count = len(self.split.names)
         return full[:, :, [*self.base.independent.tolist(), *range(count, count + 3)]], rhs
 
     def _take_in(self, chunk: Chunk, others: Sequence[Chunk]) -> Update:
         motion, hidden = chunk
         if self._tls is None:
-            self._centre = step_a(self.model, motion, hidden, self.mass).position
+            self._centre = step_a(self.model, motion, hidden, self.model.mass).position
         rows, rhs = self._equations(motion, hidden)
         again = [self._equations(*other) for other in others]
         expected = np.concatenate([self._mean, np.zeros(3)])

@@ -92,10 +92,10 @@ class Setting:
         )
 
     @classmethod
-    def of_flight(cls, flight: Flight, *, lateness: float = 0.0, silence: float = 10.0) -> Setting:
+    def of_flight(cls, flight: Flight) -> Setting:
         """Return the setting of a recording that was made ready for identification."""
         problem = flight.problem
-        silence = min(silence, bridge_length(problem))
+        silence = min(cls.silence, bridge_length(problem))
         return cls(
             tuple(b.channel for b in problem.data.blocks),
             tuple(problem.data.sigma.tolist()),
@@ -105,8 +105,7 @@ class Setting:
             "linear" if problem.timing.hold in VARYING else "held",
             longest_step(flight.model),
             problem.substep,
-            lateness,
-            silence,
+            silence=silence,
         )
 
     def layout(self, model: SpacecraftModel, description: Description) -> Measurements:

@@ -14,11 +14,10 @@ from smsid._files import json_ready
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.identify.estimate import Estimate
-from smsid.likelihood.prior import Cad
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.tracking.change_detection import Change, ChangeDetector
-from smsid.tracking.followed_parameters import UNCERTAIN, Rate
+from smsid.tracking.followed_parameters import Rate
 from smsid.tracking.json_lines import Columns, parse_sample
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
@@ -44,7 +43,7 @@ class Stream:
     Args:
         description: the spacecraft.
         tracker: one to go on with; it follows what it followed.
-        follow: as in `track_recordings`, like ``hold``, ``estimate``, ``cad``.
+        follow: as in `track_recordings`, like ``hold`` and ``estimate``.
         begin: how much is looked at first [s].
         every: least time between results, of the telemetry [s].
         lateness: samples may come late by so much [s]; as the tracker was saved with if not given, else zero.
@@ -59,7 +58,6 @@ class Stream:
         follow: Mapping[str, Rate] | None = None,
         hold: Sequence[str] = (),
         estimate: Estimate | None = None,
-        cad: Cad | None = UNCERTAIN,
         begin: float = BEGIN,
         every: float = 0.0,
         lateness: float | None = None,
@@ -68,7 +66,7 @@ class Stream:
         self.description, self.tracker = description, tracker
         self.columns = Columns(build_model(description) if tracker is None else tracker.origin.base)
         self.begin, self.every, self.false_alarms, self.lateness = begin, every, false_alarms, lateness
-        self._asked = {"follow": follow, "hold": hold, "estimate": estimate, "cad": cad}
+        self._asked = {"follow": follow, "hold": hold, "estimate": estimate}
         self._first: list[Sample] = []
         self._ahead: list[Sample] = []
         self._detector: ChangeDetector | None = None

@@ -15,7 +15,7 @@ from smsid.model.column_order import order_columns
 from smsid.recording import Recording
 from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.history import TrackHistory
-from smsid.tracking.momentum_tracker import EQUATIONS, WINDOW, MomentumTracker
+from smsid.tracking.momentum_tracker import EQUATIONS, MomentumTracker
 from smsid.tracking.sample import samples_of
 from smsid.tracking.update import Update
 
@@ -28,7 +28,6 @@ def track_momentum(
     cad: float = UNCERTAIN,
     memory: float | None = None,
     gap: float = 0.0,
-    window: float = WINDOW,
 ) -> tuple[TrackHistory, MomentumTracker]:
     """Run a `MomentumTracker` through recordings; return a row per window, and the tracker as it ends.
 
@@ -41,7 +40,7 @@ def track_momentum(
     """
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give at least one.")
-    tracker = MomentumTracker(description, estimate=estimate, cad=cad, memory=memory, window=window)
+    tracker = MomentumTracker(description, estimate=estimate, cad=cad, memory=memory)
     names, rows = labels_of(recordings), list[tuple[float, int, Update]]()
     shift = 0.0
     with threadpool_limits(limits=1, user_api="blas"):
