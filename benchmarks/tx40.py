@@ -31,7 +31,7 @@ from _common import environment, interleaved, spread, write_result
 from smsid._statistics import NORMAL95
 from smsid.arm import (
     ArmIdentification,
-    JointMotion,
+    ArmMotion,
     identify_arm,
     joint_motion,
     torque_errors,
@@ -116,7 +116,7 @@ def figaroh_config(folder: Path) -> Path:
 
 def figaroh_runner(
     urdf: Path, folder: Path, q: np.ndarray, torque: np.ndarray, *, wrist: bool
-) -> tuple[Callable[[], Any], Callable[[Any, JointMotion], np.ndarray]]:
+) -> tuple[Callable[[], Any], Callable[[Any, ArmMotion], np.ndarray]]:
     """Return FIGAROH's run (from joint angles and torques to base parameters) and its prediction."""
     from figaroh.identification.base_identification import BaseIdentification
     from figaroh.tools.regressor import build_regressor_basic, build_regressor_reduced
@@ -175,7 +175,7 @@ def figaroh_runner(
             found.solve(decimate=True, plotting=False, wls=True)
         return found
 
-    def predict(found: Any, motion: JointMotion) -> np.ndarray:
+    def predict(found: Any, motion: ArmMotion) -> np.ndarray:
         rows = build_regressor_basic(found.robot, motion.q, motion.v, motion.a, found.identif_config)
         if wrist:
             rows = np.hstack([rows, coupling(motion.v, motion.a)])

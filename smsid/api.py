@@ -20,7 +20,7 @@ from smsid.identify.estimate import Estimate
 from smsid.recording import Recording, load_recording
 
 if TYPE_CHECKING:
-    from smsid.control.design import Design as ControllerDesign
+    from smsid.control.design import ControllerDesign
     from smsid.diagnose.diagnose import DiagnosisRun
     from smsid.experiments import Experiment
     from smsid.export.folder import Export

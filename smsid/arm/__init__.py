@@ -5,7 +5,7 @@ from smsid.arm.comparison import torque_errors
 from smsid.arm.identify import ArmIdentification, identify_arm
 from smsid.arm.input_checks import joint_doubts
 from smsid.arm.joint_torques import joint_torques
-from smsid.arm.motion import JointMotion, joint_motion
+from smsid.arm.motion import ArmMotion, joint_motion
 from smsid.arm.presets import with_friction_laws, with_joint_effects
 from smsid.arm.servo import identify_servos
 from smsid.arm.smooth_motion import smooth_motion
@@ -13,7 +13,7 @@ from smsid.arm.torque_calibration import torque_scales, with_torque_gains
 
 __all__ = [
     "ArmIdentification",
-    "JointMotion",
+    "ArmMotion",
     "JointStates",
     "effect_columns",
     "identify_arm",

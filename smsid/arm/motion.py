@@ -27,7 +27,7 @@ SETTLING = 2.0
 
 @short_repr
 @dataclass(frozen=True)
-class JointMotion:
+class ArmMotion:
     """Joint motion and torque at N instants; all joints of the model, in its order.
 
     ``time`` (N,) [s], ``q`` (N, nq) configuration, ``v``, ``a`` (N, nv) rates and accelerations [rad/s,
@@ -50,7 +50,7 @@ class JointMotion:
 
 def joint_motion(
     model: SpacecraftModel, recording: Recording, cutoff: float | None = None, *, late: float = 0.0
-) -> JointMotion:
+) -> ArmMotion:
     """Filter, differentiate and decimate a recording of an arm.
 
     Rates and accelerations are the slopes of the quintic spline through the filtered angles.
@@ -92,7 +92,7 @@ def joint_motion(
     kept = slice(edge, len(angles) - edge, max(1, int(rate / (SAMPLES_PER_PERIOD * top))))
     at = times[kept]
     seen = np.clip(at + late, times[0], times[-1])
-    return JointMotion(
+    return ArmMotion(
         at,
         model.set_joint_angles(model.home, spline(seen)),
         spline.derivative(1)(seen),
@@ -102,7 +102,7 @@ def joint_motion(
     )
 
 
-def measured_states(motion: JointMotion) -> JointStates:
+def measured_states(motion: ArmMotion) -> JointStates:
     """Return what torques depend on in a motion, with the torques measured as the load."""
     return JointStates(motion.q, motion.v, motion.a, motion.torque)
 

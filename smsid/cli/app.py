@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 
 from smsid._version import __version__
 from smsid._xacro_arguments import xacro_arguments
-from smsid.cli.errors import Outcome, error_document, print_json, with_output_options
+from smsid.cli.errors import CommandResult, error_document, print_json, with_output_options
 from smsid.cli.output import WIDTH, error_console, wrap_text
 from smsid.errors import SmsidError
 
@@ -109,10 +109,10 @@ ARGUMENT = re.compile(r"[A-Za-z_][\w.-]*:=")
 """An argument of a xacro, ``name:=value`` as in ROS; every command that reads a robot takes them."""
 
 
-def version_command() -> Outcome:
+def version_command() -> CommandResult:
     """Print the version."""
     print(__version__)
-    return Outcome({"version": __version__})
+    return CommandResult({"version": __version__})
 
 
 def _version(asked: bool) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import write_page
 from smsid.cli.options import ReportPath, ShowAll
 from smsid.cli.output import print_parts, show_progress, warn
@@ -45,7 +45,7 @@ def campaign_command(
     level: Annotated[float, typer.Option(help="family-wise level of the bands in the summary")] = 0.01,
     report: ReportPath = None,
     show_all: ShowAll = False,
-) -> Outcome:
+) -> CommandResult:
     """Run a Monte Carlo campaign; interrupted in any way, the same command goes on where it stopped."""
     from smsid.campaign.run import campaign_main, summary_path
     from smsid.campaign.store import read_store
@@ -76,7 +76,7 @@ def campaign_command(
     print_parts(cut_tables(summary_tables(summary), show_all))
     if summary.failed:
         warn(f"{summary.failed} of {summary.runs} runs failed")
-    return Outcome({"summary": json.loads(summary.to_json())}, written)
+    return CommandResult({"summary": json.loads(summary.to_json())}, written)
 
 
 def summary_tables(summary: Summary) -> Iterator[Table]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import write_page
 from smsid.cli.options import Output, ReportPath, ShowAll
 from smsid.cli.output import print_parts, show_spinner
@@ -31,7 +31,7 @@ def compare_command(
     ] = None,
     show_all: ShowAll = False,
     report: ReportPath = None,
-) -> Outcome:
+) -> CommandResult:
     """Tell what changed between two estimates: a body grasped, fuel used, a panel softened."""
     from smsid.comparison import compare, save_comparison
     from smsid.description import load_description
@@ -46,7 +46,7 @@ def compare_command(
     made = write_page(report, lambda o: compare_report(found, o), [description, estimate, second], described)
     print_parts(comparison_parts(found, everything=show_all))
     written = [output, *made]
-    return Outcome(json.loads(found.to_json()), written)
+    return CommandResult(json.loads(found.to_json()), written)
 
 
 def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator[Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import read_estimate, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
 from smsid.cli.output import print_parts, show_spinner
@@ -63,7 +63,7 @@ def control_command(
     ] = False,
     report: ReportPath = None,
     show_all: ShowAll = False,
-) -> Outcome:
+) -> CommandResult:
     """Design model-based PD with an H-infinity term from what is identified, or repeat Table 4."""
     import numpy as np
 
@@ -84,7 +84,7 @@ def control_command(
         made = write_page(
             report, lambda o: study_report(flown, described.name, o), files, described, seed=seed
         )
-        return Outcome({"study": flown}, [output, *made])
+        return CommandResult({"study": flown}, [output, *made])
     if found is None and uncertainty is None:
         raise ControlError(
             "Neither an estimate nor an uncertainty is given.",
@@ -107,7 +107,7 @@ def control_command(
     page = write_page(report, lambda o: control_report(made, o), files, described, seed=seed)
     document = controller_document(made)
     print_parts(document_parts(document, everything=show_all))
-    return Outcome({"controller": document}, [output, *page])
+    return CommandResult({"controller": document}, [output, *page])
 
 
 def study_parts(d: Mapping[str, Any], *, everything: bool = True) -> Iterator[RenderableType]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.options import Seed
 from smsid.cli.output import console, say, show_spinner
 from smsid.cli.places import Writes
@@ -42,7 +42,7 @@ def demo_command(
         Writes(folder=True),
     ] = Path("demo-out"),
     seed: Seed = 1,
-) -> Outcome:
+) -> CommandResult:
     """Show what smsid is for: from a recording to the cause that the simulation lacks, and what it gains."""
     from smsid.datasets import demonstration
     from smsid.diagnose import diagnose, save_diagnosis
@@ -99,7 +99,7 @@ def demo_command(
         "diagnosis": json.loads(found.diagnosis.to_json()),
         "paper_estimate": json.loads(done.estimate.to_json()),
     }
-    return Outcome(document, written, untold=True)
+    return CommandResult(document, written, untold=True)
 
 
 def _silent() -> None:
@@ -146,12 +146,12 @@ def _page(
     from smsid.paper.tables import IdentifiedExperiments, paper_section
     from smsid.report import files_of, provenance, write_report
     from smsid.report.demo import demo_report
-    from smsid.report.diagnose import ReportInputs, diagnose_report
+    from smsid.report.diagnose import DiagnosisInputs, diagnose_report
     from smsid.report.diagnosis_shares import shares_of
     from smsid.report.model import Link, Text
 
     inputs = [*files_of(craft.description, which.description), which.estimation, which.validation]
-    asked = ReportInputs(craft.description, [craft.estimation], craft.estimate, [craft.validation])
+    asked = DiagnosisInputs(craft.description, [craft.estimation], craft.estimate, [craft.validation])
     origin = provenance(inputs, seed=seed)
     shares = None if craft.found.search is None else shares_of(craft.found.search)
     write_report(diagnose_report(craft.found, asked, origin, shares), output / "diagnosis.html")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.options import DescriptionPath, ShowAll
 from smsid.cli.output import print_parts, say, show_spinner
 from smsid.errors import SmsidError
@@ -34,7 +34,7 @@ def new_command(
     panel: Annotated[str | None, typer.Option(help="with a panel of length x width [m], as 6x3")] = None,
     mass: Annotated[float, typer.Option(help="mass of the bus [kg]")] = 200.0,
     size: Annotated[float, typer.Option(help="edge of the bus [m]")] = 1.0,
-) -> Outcome:
+) -> CommandResult:
     """Write a commented description of a new craft into this folder, with a bus, sensors and limits."""
     from smsid._files import atomic_write
     from smsid.description import load_description
@@ -63,10 +63,10 @@ def new_command(
         f"{model.mass:.4g} kg, {len(model.arm_joints)} arm joints, {len(model.wheels)} wheels. Lines marked "
         f"GUESS are yours to fill in; then `smsid check {files[0]}`."
     )
-    return Outcome({"mass": model.mass}, files)
+    return CommandResult({"mass": model.mass}, files)
 
 
-def check_command(description: DescriptionPath) -> Outcome:
+def check_command(description: DescriptionPath) -> CommandResult:
     """Tell all that is wrong or doubtful in a description, its URDFs and the model; exit code 1 if wrong."""
     from smsid.cli.file_kind import kind_of
     from smsid.model.review import review_description
@@ -85,7 +85,7 @@ def check_command(description: DescriptionPath) -> Outcome:
             say(f"{label}: {text}")
     say(f"{len(found.wrong)} wrong, {len(found.doubtful)} doubtful")
     document = {"wrong": list(found.wrong), "doubtful": list(found.doubtful)}
-    return Outcome(document, exit_code=1 if found.wrong else 0)
+    return CommandResult(document, exit_code=1 if found.wrong else 0)
 
 
 NAME = 80  # characters of a combination in the table
@@ -97,7 +97,7 @@ def regressor_command(
     seed: Annotated[int, typer.Option(min=0, help="seed of the states")] = 1,
     fixed: Annotated[bool, typer.Option("--fixed", help="the root link stands on the ground")] = False,
     show_all: ShowAll = False,
-) -> Outcome:
+) -> CommandResult:
     """Check momentum and torque regressors against Pinocchio, MuJoCo and identities; name base parameters."""
     import numpy as np
 
@@ -123,7 +123,7 @@ def regressor_command(
         "unseen": list(found.base.unseen),
         "microseconds": found.microseconds,
     }
-    return Outcome(document)
+    return CommandResult(document)
 
 
 def check_parts(found: RegressorCheck, *, everything: bool = False) -> Iterator[RenderableType]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
 from smsid.cli.output import print_parts, say, show_spinner
@@ -74,7 +74,7 @@ def design_command(
     effort: Annotated[float, typer.Option(help="how long to search; 1 is some 300 motions")] = 1.0,
     report: ReportPath = None,
     show_all: ShowAll = False,
-) -> Outcome:
+) -> CommandResult:
     """Design an experiment: `smsid simulate DESC EXPERIMENT.toml` flies it.
 
     The limits of the description count in any case. Interrupted (Ctrl-C), the best so far is written.
@@ -112,16 +112,16 @@ def design_command(
 
     def page(origin: Provenance) -> Report:
         from smsid.model import build_model
-        from smsid.report.design import ReportInputs, design_report
+        from smsid.report.design import DesignInputs, design_report
 
-        return design_report(found, build_model(described), ReportInputs(precision, limits), origin)
+        return design_report(found, build_model(described), DesignInputs(precision, limits), origin)
 
     written = [output, *write_page(report, page, [description], described, seed=seed)]
     print_parts(_tables(found, show_all))
     for line in note_lines(found.notes, everything=show_all):
         say(line)
     say(f"{found.evaluations} experiments tried")
-    return Outcome({"design": found.document()}, written, INTERRUPTED if found.interrupted else 0)
+    return CommandResult({"design": found.document()}, written, INTERRUPTED if found.interrupted else 0)
 
 
 def share(text: str) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, Unchecked
 from smsid.cli.output import print_parts, show_spinner
@@ -63,7 +63,7 @@ def diagnose_command(
     cutoff: Annotated[
         float | None, typer.Option(help="low-pass of the motion of an arm whose torques were measured [Hz]")
     ] = None,
-) -> Outcome:
+) -> CommandResult:
     """Say what the simulation gets wrong, name the cause, extend the model and measure the gain.
 
     Exit code 0: adequate or explained, 3: unexplained, 4: not evaluated.
@@ -88,14 +88,14 @@ def diagnose_command(
         written.append(place)
 
     def page(origin: Provenance) -> Report:
-        from smsid.report.diagnose import ReportInputs, diagnose_report
+        from smsid.report.diagnose import DiagnosisInputs, diagnose_report
 
-        return diagnose_report(found, ReportInputs(described, loaded, known, judged), origin)
+        return diagnose_report(found, DiagnosisInputs(described, loaded, known, judged), origin)
 
     written += write_page(report, page, [description, *recordings, *(validate or ()), estimate], described)
     print_parts(diagnosis_parts(found.diagnosis, everything=show_all))
     document = {"diagnosis": json.loads(found.diagnosis.to_json())}
-    return Outcome(document, written, EXIT_CODES[found.diagnosis.verdict])
+    return CommandResult(document, written, EXIT_CODES[found.diagnosis.verdict])
 
 
 def diagnosis_parts(diagnosis: Diagnosis, *, everything: bool = False) -> Iterator[RenderableType]:

@@ -25,7 +25,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but er
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CommandResult:
     """What a command found: a document for ``--json``, the files it wrote, and the exit code it ends with.
 
     The files are named on stdout after what the command printed, unless ``untold``.
@@ -44,8 +44,8 @@ class Outcome:
 def with_output_options(function: Callable[..., Any]) -> Callable[..., None]:
     """Return a command with the options ``--json`` and ``--quiet``.
 
-    ``function`` prints for people on stdout and returns an `Outcome`; what it prints is left out where it was
-    asked to be quiet. Of a function that returns nothing the text it prints stands in the JSON.
+    ``function`` prints for people on stdout and returns a `CommandResult`; what it prints is left out where
+    it was asked to be quiet. Of a function that returns nothing the text it prints stands in the JSON.
     """
     signature = inspect.signature(function, eval_str=True)
     own = [
@@ -82,17 +82,17 @@ def _run(command: Callable[[], Any], mode: OutputMode) -> None:
     try:
         with output_options(mode), hush:
             result = command()
-            if isinstance(result, Outcome) and result.written and not result.untold:
+            if isinstance(result, CommandResult) and result.written and not result.untold:
                 say(f"wrote {', '.join(map(str, result.written))}")
     except typer.Exit as left:
-        result = Outcome(exit_code=left.exit_code)
+        result = CommandResult(exit_code=left.exit_code)
     except SmsidError as error:
         if mode.json:
             print_json(error_document(error, 1), stdout)
         raise
-    outcome = result if isinstance(result, Outcome) else Outcome()
+    outcome = result if isinstance(result, CommandResult) else CommandResult()
     if mode.json:
-        text = {} if isinstance(result, Outcome) and result.document else {"text": hidden.getvalue()}
+        text = {} if isinstance(result, CommandResult) and result.document else {"text": hidden.getvalue()}
         print_json({**outcome.table(), **text}, stdout)
     if outcome.exit_code:
         raise typer.Exit(outcome.exit_code)

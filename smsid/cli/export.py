@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.output import say, show_spinner
 from smsid.cli.places import Writes
 from smsid.errors import OutputError
@@ -44,7 +44,7 @@ def export_command(
         Path | None, typer.Option(help="FMI 3.0 unit for co-simulation"), Writes((".fmu",))
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="of the draws for the plant's uncertainty")] = 0,
-) -> Outcome:
+) -> CommandResult:
     """Export for other programs: URDF, TOML, CSV and MuJoCo XML; a linear plant; an FMU."""
     from smsid.description import load_description
     from smsid.identify.estimate import load_estimate
@@ -67,7 +67,7 @@ def export_command(
             written.append(write_fmu(described, fmu, known))
     if output is not None:
         written += _write_folder(described, known, output, mujoco, document)
-    return Outcome(document, written)
+    return CommandResult(document, written)
 
 
 def _bare_arm(urdf: Path, known: Estimate) -> Description:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import print_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, EstimateOutput, ReportPath, ShowAll, Unchecked
 from smsid.cli.output import say, show_spinner
@@ -151,7 +151,7 @@ def identify_command(
     unchecked: Unchecked = False,
     report: ReportPath = None,
     states: StatesPath = None,
-) -> Outcome:
+) -> CommandResult:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
     from smsid.description import load_description
     from smsid.estimation.identify import identify_by_the_paper, identify_spacecraft
@@ -186,7 +186,7 @@ def identify_command(
             inputs=inputs, everything=show_all,
         )  # fmt: skip
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
-        return Outcome(document, [output, *([report] if report else [])])
+        return CommandResult(document, [output, *([report] if report else [])])
     with show_spinner("identifying") as tell:
         if modal is not None or find_tracked_point:
             found = identify_by_the_paper(
@@ -213,7 +213,7 @@ def identify_command(
     print_estimate(estimate, more, everything=show_all)
     written = [output, *made, *([states] if states is not None else [])]
     say(f"identified in {seconds:.1f} s")
-    return Outcome({"estimate": json.loads(estimate.to_json())}, written)
+    return CommandResult({"estimate": json.loads(estimate.to_json())}, written)
 
 
 def _bare_description(description: Path, robot: str | None, loaded: Sequence[Recording]) -> Description:

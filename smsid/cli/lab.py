@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import print_estimate, write_diagnosis, write_page
 from smsid.cli.options import EstimateOutput, LabDiagnosis, LabRecording, ReportPath
 from smsid.cli.output import say, show_spinner
@@ -30,7 +30,7 @@ def fetch(
         typer.Option("--output", "-o", help="folder for recordings and description"),
         Writes(folder=True),
     ],
-) -> Outcome:
+) -> CommandResult:
     """Write a public data set as recordings (and descriptions): from SMSID_DATA, else downloaded."""
     from smsid.description import Description, save_description
     from smsid.recording import save_recording
@@ -43,7 +43,7 @@ def fetch(
             save_description(part, output / file)
         else:
             save_recording(part, output / file)
-    return Outcome({"data_set": name}, [output / file for file in parts])
+    return CommandResult({"data_set": name}, [output / file for file in parts])
 
 
 def _parts(name: str) -> dict[str, Description | Recording]:
@@ -96,7 +96,7 @@ def tank(
     diagnose: LabDiagnosis = None,
     output: EstimateOutput = Path("tank.json"),
     report: ReportPath = None,
-) -> Outcome:
+) -> CommandResult:
     """Slosh from force and motion of a container: frequency, damping, mass, lag, and what is left."""
     from smsid.identify.estimate import save_estimate
     from smsid.lab.tank import tank_test
@@ -145,7 +145,7 @@ def tank(
     }
     lag = {"value": test.lag.value, "interval": [low, high], "unit": "s"}
     document = {"named": found.named, "lag": lag, "left": left, "left_at_rest": {"value": quiet, "unit": "N"}}
-    return Outcome({"estimate": json.loads(best.estimate.to_json()), **document}, written)
+    return CommandResult({"estimate": json.loads(best.estimate.to_json()), **document}, written)
 
 
 def _component(log: Recording, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -201,7 +201,7 @@ def modal(
     seed: Annotated[int, typer.Option(min=0, help="of the resampling")] = 0,
     output: EstimateOutput = Path("modes.json"),
     report: ReportPath = None,
-) -> Outcome:
+) -> CommandResult:
     """Modes of a structure from its vibration alone: no order to pick, harmonics told apart."""
     import numpy as np
 
@@ -264,12 +264,12 @@ def modal(
     harmonics = [{"value": float(f), "unit": "Hz"} for f in found.harmonics]
     faint = [{"value": float(f), "unit": "Hz"} for f in found.faint]
     told = {"harmonics": harmonics, "faint": faint, "drift": found.drift, "gaps": gaps}
-    return Outcome({"estimate": json.loads(estimate.to_json()), **told}, written)
+    return CommandResult({"estimate": json.loads(estimate.to_json()), **told}, written)
 
 
 def _free_decay(
     signal: np.ndarray, rate: float, highest: float, name: str, output: Path, why: str
-) -> Outcome:
+) -> CommandResult:
     """Take one channel for a free decay; ``why`` it is not ambient vibration, empty where that was asked."""
     from smsid.identify.estimate import save_estimate
     from smsid.lab.decay import free_decay
@@ -284,7 +284,7 @@ def _free_decay(
     print_estimate(estimate)
     amplitudes = ", ".join(f"{m.amplitude:.3g}" for m in found.modes)
     say(f"free decay; noise {found.noise:.3g}, amplitude {amplitudes}")
-    return Outcome({"estimate": json.loads(estimate.to_json()), "harmonics": []}, [output])
+    return CommandResult({"estimate": json.loads(estimate.to_json()), "harmonics": []}, [output])
 
 
 def _require_one_quantity(log: Recording) -> tuple[str, ...]:
@@ -322,7 +322,7 @@ def oscillator(
     validate: Annotated[Path | None, typer.Option(help="recording to judge by, free-running")] = None,
     diagnose: LabDiagnosis = None,
     output: EstimateOutput = Path("oscillator.json"),
-) -> Outcome:
+) -> CommandResult:
     """Oscillator, driven or let go, with a spring that need not be linear, by the error of its simulation."""
     import numpy as np
 
@@ -385,7 +385,7 @@ def oscillator(
         free = float(np.sqrt(np.mean(error**2)))
         say(f"free-running error {free:.5g} {unit} on '{other.name}'")
         errors["free_running"] = {"recording": other.name, "value": free, "unit": unit}
-    return Outcome({"estimate": json.loads(found.estimate.to_json()), "errors": errors}, written)
+    return CommandResult({"estimate": json.loads(found.estimate.to_json()), "errors": errors}, written)
 
 
 lab_app = typer.Typer(

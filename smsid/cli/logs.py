@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from smsid._time_text import stamp_text
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.options import Output, RecordingOutput, ShowAll
 from smsid.cli.output import console, say, show_spinner
 from smsid.cli.places import Writes
@@ -43,7 +43,7 @@ def inspect_command(
     cutoff: Annotated[float | None, typer.Option(min=1e-6, help="with --description: low-pass [Hz]")] = None,
     also: MoreFiles = None,
     show_all: ShowAll = False,
-) -> Outcome:
+) -> CommandResult:
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
     from rich.markup import escape
 
@@ -92,16 +92,16 @@ def inspect_command(
         "mapping": report.mapping,
     }
     if mapping is not None:
-        return Outcome(document)
+        return CommandResult(document)
     if output is None:
         lines = report.mapping.splitlines()
         if show_all or len(lines) <= MAPPING:
             out.print(report.mapping, markup=False, highlight=False)
         else:
             say(f"drafted a mapping of {len(lines)} lines: --map map.toml writes it, --all prints it")
-        return Outcome(document)
+        return CommandResult(document)
     atomic_write(output, signed(report.mapping))
-    return Outcome(document, [output])
+    return CommandResult(document, [output])
 
 
 def import_command(
@@ -122,7 +122,7 @@ def import_command(
         ),
     ] = False,
     also: MoreFiles = None,
-) -> Outcome:
+) -> CommandResult:
     """Turn a log into a recording: a mapping file says which column is which channel, unit and frame."""
     from smsid.cli.show_parts import recording_document
     from smsid.cli.tables import recording_table
@@ -136,7 +136,7 @@ def import_command(
     if not unchecked:
         for sentence in recording.suspicious():
             say(f"suspicious: {sentence}", style="yellow")
-    return Outcome({"recording": recording_document(recording)}, [output])
+    return CommandResult({"recording": recording_document(recording)}, [output])
 
 
 Source = Annotated[Path, typer.Argument(help="recording (netCDF, as `smsid import` writes it)")]
@@ -156,7 +156,7 @@ def cut_command(
     role: Annotated[
         str | None, typer.Option(help="of what is kept: estimation, validation (held out) or unspecified")
     ] = None,
-) -> Outcome:
+) -> CommandResult:
     """Cut a window out of a recording, or cut it into pieces without gaps."""
     from smsid.cli.tables import recording_table
     from smsid.recording import load_recording, save_recording
@@ -178,14 +178,14 @@ def cut_command(
     for piece in found[:3]:
         out.print(recording_table(piece))
     spans = [[float(p.time(p.channels[0])[0]), float(p.time(p.channels[0])[-1])] for p in found]
-    return Outcome({"pieces": spans}, files)
+    return CommandResult({"pieces": spans}, files)
 
 
 def resample_command(
     recording: Source,
     rate: Annotated[float, typer.Option(help="of the new clock [Hz]")],
     output: RecordingOutput = Path("resampled.nc"),
-) -> Outcome:
+) -> CommandResult:
     """Bring all channels of a recording to one clock of even steps; nothing is filtered or extrapolated."""
     from smsid.cli.show_parts import recording_document
     from smsid.cli.tables import recording_table
@@ -195,7 +195,7 @@ def resample_command(
         made = load_recording(recording).resampled(rate)
         save_recording(made, output)
     console().print(recording_table(made))
-    return Outcome({"recording": recording_document(made)}, [output])
+    return CommandResult({"recording": recording_document(made)}, [output])
 
 
 def _refuse_unusable(recording: Recording) -> Recording:
@@ -219,7 +219,7 @@ def convert_command(
             (".csv", ".parquet", ".mcap"), beside=lambda o: (o.with_suffix(".toml"),), beside_kind="mapping"
         ),
     ],
-) -> Outcome:
+) -> CommandResult:
     """Write a recording as CSV, Parquet or MCAP (ROS 2), and beside it the mapping that imports it again."""
     from smsid._files import atomic_write, sha256
     from smsid.recording import load_recording
@@ -241,4 +241,4 @@ def convert_command(
         else:
             save_table(log, output)
             atomic_write(mapping, table_mapping(log))
-    return Outcome({}, [output, mapping])
+    return CommandResult({}, [output, mapping])

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.options import Output
 from smsid.cli.output import show_spinner
 from smsid.cli.places import FIGURE, Writes
@@ -32,11 +32,11 @@ def plot_command(
         Path | None, typer.Option(help="estimate: another estimate (JSON) whose values are taken as true")
     ] = None,
     title: Annotated[str, typer.Option(help="above the figure")] = "",
-) -> Outcome:
+) -> CommandResult:
     """Draw a figure for a paper as PNG, SVG or PDF, by the suffix of the output (extra: plot)."""
     from smsid.figures import draw
     from smsid.figures.draw import Request
 
     with show_spinner("drawing"):
         draw(what, Request(file, description, tuple(channel or ()), truth, title), output)
-    return Outcome({"figure": what}, [output])
+    return CommandResult({"figure": what}, [output])

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.file_kind import SHOWN, kind_of, read_json
 from smsid.cli.options import ShowAll
 from smsid.cli.output import asks_json, print_parts
@@ -25,12 +25,12 @@ def show_command(
         ),
     ],
     show_all: ShowAll = False,
-) -> Outcome:
+) -> CommandResult:
     """Show what is in a file."""
     if asks_json():  # a file is read and checked once
-        return Outcome(file_document(file))
+        return CommandResult(file_document(file))
     print_parts(show_file(file, everything=show_all))
-    return Outcome()
+    return CommandResult()
 
 
 def show_file(path: Path, *, everything: bool = False) -> Iterator[Any]:

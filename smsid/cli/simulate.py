@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.options import DescriptionPath, RecordingOutput, Seed, ShowAll
 from smsid.cli.output import print_parts, say, show_progress, warn
 from smsid.cli.places import Writes
@@ -40,7 +40,7 @@ def simulate_command(
         ),
     ] = None,
     show_all: ShowAll = False,
-) -> Outcome:
+) -> CommandResult:
     """Fly an experiment in simulation and record it with the description's sensors."""
     import numpy as np
 
@@ -113,4 +113,4 @@ def simulate_command(
         document["condition"] = {"value": condition, "unit": "1"}
     for use in flight.exceeded:
         warn(f"{use} exceeded")
-    return Outcome(document, written)
+    return CommandResult(document, written)

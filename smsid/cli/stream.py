@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.options import DescriptionPath, StartingEstimate
 from smsid.cli.track import Changes, NotFollowed, SavedTracker, rates_of
 from smsid.errors import SmsidError
@@ -61,7 +61,7 @@ def stream_command(
     ] = None,
     changes: Changes = False,
     save: SavedTracker = None,
-) -> Outcome:
+) -> CommandResult:
     """Follow telemetry as it comes: JSON lines in, what is believed as JSON lines out."""
     from smsid.description import load_description
     from smsid.identify.estimate import load_estimate
@@ -106,13 +106,13 @@ def stream_command(
         "events": dict(tracker.log.counts),
         "parameters": [{"name": n, "value": x, "sigma": s} for n, x, s in values],
     }
-    return Outcome({"stream": document}, written, untold=True)
+    return CommandResult({"stream": document}, written, untold=True)
 
 
 def play_command(
     recording: Annotated[Path, typer.Argument(help="recording (NetCDF) to play")],
     speed: Annotated[float, typer.Option(min=0.0, help="times real time; 0: as fast as it is read")] = 0.0,
-) -> Outcome:
+) -> CommandResult:
     """Play a recording as JSON lines, as `smsid stream` takes them."""
     from smsid.recording import load_recording
     from smsid.tracking.json_lines import lines_of
@@ -124,7 +124,7 @@ def play_command(
             time.sleep(max(0.0, (at - first) / speed - (time.monotonic() - begun)))
         print(line, flush=speed > 0.0)
         told += 1
-    return Outcome({"lines": told})
+    return CommandResult({"lines": told})
 
 
 def _read(source: str, wait: float) -> Iterator[str]:

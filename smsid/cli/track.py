@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from smsid._statistics import NORMAL95
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, StartingEstimate, Unchecked
 from smsid.cli.output import print_parts, show_spinner
@@ -102,7 +102,7 @@ def track_command(
     report: ReportPath = None,
     show_all: ShowAll = False,
     unchecked: Unchecked = False,
-) -> Outcome:
+) -> CommandResult:
     """Follow a spacecraft's parameters through recordings, each as a random walk with bands."""
     from smsid.description import load_description
     from smsid.report.track import track_report
@@ -144,7 +144,7 @@ def track_command(
     inputs = [description, *recordings, estimate]
     written += write_page(report, lambda o: track_report(history, o), inputs, described)
     print_parts(history_parts(history, everything=show_all))
-    return Outcome({"track": document(history)}, written)
+    return CommandResult({"track": document(history)}, written)
 
 
 def rates_of(follow: Sequence[str]) -> dict[str, Rate]:

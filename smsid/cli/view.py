@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from smsid.cli.errors import Outcome
+from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import read_recordings
 from smsid.cli.options import DescriptionPath
 from smsid.cli.output import say, show_spinner
@@ -66,7 +66,7 @@ def view_command(
     host: Annotated[
         str, typer.Option(help="--live: address to listen on; by default for this machine alone")
     ] = "127.0.0.1",
-) -> Outcome:
+) -> CommandResult:
     """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, a film, or live (extra: view)."""
     from smsid.description import load_description
     from smsid.view import Look, played, show, write_view
@@ -89,12 +89,12 @@ def view_command(
                 time.sleep(1.0)
         except KeyboardInterrupt:
             shown.close()
-        return Outcome({"url": shown.url, "notes": list(shown.scene.notes)})
+        return CommandResult({"url": shown.url, "notes": list(shown.scene.notes)})
     with show_spinner("drawing"):
         write_view(view, output, fps=fps)
     for note in view.notes:
         say(f"note: {note}")
-    return Outcome({"notes": list(view.notes)}, [output])
+    return CommandResult({"notes": list(view.notes)}, [output])
 
 
 def _load_track(path: Path) -> TrackHistory:

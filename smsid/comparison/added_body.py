@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.comparison.explanations import Explained
-from smsid.comparison.result import Finding, FindingKind, Quantity
+from smsid.comparison.result import Finding, FindingKind, FindingQuantity
 from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.effects.payload import point_parameters
 
@@ -36,13 +36,13 @@ def added_body(found: Explained, tanks: tuple[Propellant, ...] = ()) -> Finding:
     theta, covariance, told = found.values, found.covariance, found.told
     body = found.hypothesis.subject
     mass, sigma = float(theta[0]), float(np.sqrt(covariance[0, 0]))
-    quantities = [Quantity("mass", "kg", mass, sigma, bool(told[0]))]
+    quantities = [FindingQuantity("mass", "kg", mass, sigma, bool(told[0]))]
     sure = bool(told[0]) and abs(mass) > SURE * sigma
     names = (*(f"first_moment.{a}" for a in "xyz"), *(f"inertia.{a}" for a in MATRIX))
     units = (*3 * ("kg m",), *6 * ("kg m^2",))
     for i, (name, unit) in enumerate(zip(names, units, strict=True), start=1):
         quantities.append(
-            Quantity(name, unit, float(theta[i]), float(np.sqrt(covariance[i, i])), bool(told[i]))
+            FindingQuantity(name, unit, float(theta[i]), float(np.sqrt(covariance[i, i])), bool(told[i]))
         )
     centre, spread = np.full(3, np.nan), np.full((3, 3), np.nan)
     if sure:
@@ -53,13 +53,13 @@ def added_body(found: Explained, tanks: tuple[Propellant, ...] = ()) -> Finding:
         for k, axis in enumerate("xyz"):
             known = bool(told[0] and told[1 + k])
             quantities.append(
-                Quantity(f"centre.{axis}", "m", float(centre[k]), float(np.sqrt(spread[k, k])), known)
+                FindingQuantity(f"centre.{axis}", "m", float(centre[k]), float(np.sqrt(spread[k, k])), known)
             )
         for k, axes in enumerate(MATRIX):
             known = bool(told[:4].all() and told[4 + k])
             spreads = float(np.sqrt(wide[k, k]))
             quantities.append(
-                Quantity(f"central_inertia.{axes}", "kg m^2", float(central[k]), spreads, known)
+                FindingQuantity(f"central_inertia.{axes}", "kg m^2", float(central[k]), spreads, known)
             )
     kind, text = _words(found, mass, sigma, sure, centre, spread, tanks)
     if sure and told.all() and not _may_exist(theta, covariance):

@@ -10,7 +10,7 @@ from scipy.stats import chi2, norm
 from smsid.comparison.added_body import Propellant, added_body
 from smsid.comparison.common_basis import Common, common_basis
 from smsid.comparison.explanations import Differences, Explained, explain
-from smsid.comparison.result import LEVEL, Comparison, Finding, ParameterChange, Quantity
+from smsid.comparison.result import LEVEL, Comparison, Finding, FindingQuantity, ParameterChange
 from smsid.description.schema import Description
 from smsid.effects.base import AXES, Effect, catalogue
 from smsid.identify.estimate import Estimate
@@ -98,7 +98,7 @@ def _effect_change(part: Explained, common: Common, description: Description | N
     units = dict(zip(common.names, common.units, strict=True))
     for i in order.tolist():
         numbers = float(part.values[i]), float(sigma[i]), bool(part.told[i])
-        quantities.append(Quantity(h.names[i], units.get(h.names[i], ""), *numbers))
+        quantities.append(FindingQuantity(h.names[i], units.get(h.names[i], ""), *numbers))
     limit = float(norm.isf(0.5 * LEVEL / len(order)))
     sure = [i for i in order.tolist() if deviations[i] > limit] or order[:1].tolist()
     effects = () if description is None else description.effect

@@ -75,7 +75,7 @@ class NotComparable:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class FindingQuantity:
     """A number of a finding with its standard deviation [``unit``]; ``told``: whether the data tell it."""
 
     name: str
@@ -102,11 +102,11 @@ class Finding:
     kind: FindingKind
     subject: str
     sentence: str
-    quantities: tuple[Quantity, ...] = ()
+    quantities: tuple[FindingQuantity, ...] = ()
     p_value: float = 0.0
     others: tuple[str, ...] = ()
 
-    def __getitem__(self, name: str) -> Quantity:
+    def __getitem__(self, name: str) -> FindingQuantity:
         """Give the quantity of a name; raise `KeyError` where there is none."""
         for q in self.quantities:
             if q.name == name:

@@ -16,7 +16,7 @@ import pinocchio as pin
 from smsid._files import atomic_write
 from smsid._reading import SCHEMA_VERSION, reading_document
 from smsid._version import __version__
-from smsid.control.design import Design, DesignRequest
+from smsid.control.design import ControllerDesign, DesignRequest
 from smsid.control.gains import Gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
@@ -26,7 +26,7 @@ from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
 
 
-def controller_document(made: Design) -> dict[str, Any]:
+def controller_document(made: ControllerDesign) -> dict[str, Any]:
     """Return the document of a design."""
     term, coordinates = made.term, made.coordinates
     w = term.weights
@@ -98,7 +98,7 @@ def controller_document(made: Design) -> dict[str, Any]:
     return document
 
 
-def save_controller(made: Design, path: str | os.PathLike[str]) -> None:
+def save_controller(made: ControllerDesign, path: str | os.PathLike[str]) -> None:
     """Write a design as JSON, whole or not at all."""
     document = controller_document(made)
     atomic_write(Path(path), json.dumps(document, indent=1, allow_nan=False) + "\n")

@@ -59,7 +59,7 @@ class DesignRequest:
 
 @short_repr
 @dataclass(frozen=True)
-class Design:
+class ControllerDesign:
     """A controller: ``dynamics`` its model, ``term`` gains and H-infinity term, and what was found out.
 
     ``rate`` [Hz] of its calls and ``level``, the uncertainty, are what it is designed for, ``poles`` those of
@@ -81,7 +81,7 @@ class Design:
 
 def design(
     description: Description, estimate: Estimate | None, request: DesignRequest, rng: np.random.Generator
-) -> Design:
+) -> ControllerDesign:
     """Return a design on the identified model (the described one without an estimate).
 
     The controller's rigid model, slosh and panel in the examined plant, the weights and the modes that gains
@@ -154,7 +154,7 @@ def design(
             plant, inertia, k, term.controller, level=level, rng=rng, samples=request.samples
         )
     names = ("roll", "pitch", "yaw", *model.arm_joints.names)
-    return Design(
+    return ControllerDesign(
         description.name, names, dynamics, term, request.rate, level, poles, identified, robustness, tuning
     )
 

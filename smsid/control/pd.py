@@ -31,7 +31,7 @@ class MeasuredState:
 
 
 @dataclass(frozen=True)
-class Command:
+class TorqueCommand:
     """Q_c (3 + n,) [N m]: wheel torque on the base, body axes, and joint torques; with the errors behind it.
 
     ``error``, ``error_rate`` (3 + n,) e and de [rad, rad/s] as measured; ``robust`` (3 + n,) u_inf [rad/s^2].
@@ -84,7 +84,7 @@ class ModelBasedController:
         """Forget the state of the robust term."""
         self.state = np.zeros(self.filter.order if self.filter else 0)
 
-    def command(self, t: float, seen: MeasuredState) -> Command:
+    def command(self, t: float, seen: MeasuredState) -> TorqueCommand:
         """Return the torques for time t [s].
 
         Raises `ControlError` where the attitude's coordinates are singular.
@@ -101,7 +101,7 @@ class ModelBasedController:
         acceleration[:3] = base.jacobian @ acceleration[:3] + base.bias
         acceleration[3:] += wanted_acceleration[3:]
         terms = self.dynamics.body_terms(seen.omega, seen.angles, seen.rates, seen.wheel_rates)
-        return Command(self.dynamics.torques(terms, acceleration), error, rate, robust)
+        return TorqueCommand(self.dynamics.torques(terms, acceleration), error, rate, robust)
 
     def _robust(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
         if self.filter is None:

@@ -19,7 +19,7 @@ from smsid._explain import validated
 from smsid._reading import read_json
 from smsid.description.nastran_reading import NastranMode, read_f06, read_op2, read_punch, read_weights
 from smsid.effects.base import Vector3
-from smsid.effects.table import Table
+from smsid.effects.table import StrictTable
 from smsid.errors import DescriptionError
 
 KEY = "finite_elements"
@@ -27,7 +27,7 @@ LARGEST_SPC = 1e-9
 """Constraint forces below this share of the largest are those of a node that holds nothing."""
 
 
-class FiniteElements(Table):
+class FiniteElements(StrictTable):
     """Where modal data of an appendage are: ``finite_elements = { file = "panel.f06", root = 1, ... }``.
 
     ``root``: node the panel is clamped at, about which rotations count; ``nodes`` those of the stations, in

@@ -19,7 +19,7 @@ from pydantic_core import PydanticCustomError
 from smsid._listing import did_you_mean
 from smsid._short_repr import ShortRepr
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
-from smsid.effects.table import Table
+from smsid.effects.table import StrictTable
 from smsid.errors import DescriptionError, SmsidError
 from smsid.sensing.sensor import Sensor
 
@@ -28,7 +28,7 @@ SCHEMA_VERSION = 1
 Inertias = Literal["checked", "trusted"]
 
 
-class Mount(Table):
+class Mount(StrictTable):
     """Where a part sits: a named frame of the spacecraft (default: the bus frame) and a pose in it."""
 
     frame: str | None = None
@@ -36,7 +36,7 @@ class Mount(Table):
     rpy: Vector3 = (0.0, 0.0, 0.0)  # [rad]
 
 
-class Wheel(Table):
+class Wheel(StrictTable):
     """A reaction wheel.
 
     ``inertia`` is the spin inertia I_rw [kg m^2]; its mass is part of the bus, and so is its spin inertia
@@ -65,7 +65,7 @@ class Wheel(Table):
         return self
 
 
-class Arm(Table):
+class Arm(StrictTable):
     """An arm: joints of the spacecraft's own URDF, or another URDF mounted on the bus.
 
     Give ``joints`` (own URDF; default: every joint that is not a wheel), ``urdf`` (a file), or ``robot`` (a
@@ -107,14 +107,14 @@ class Arm(Table):
         return self
 
 
-class Thrust(Table):
+class Thrust(StrictTable):
     """The net thrust: its point of application in the bus frame and its limit per axis."""
 
     point: Vector3 = (0.0, 0.0, 0.0)  # [m]
     max_force: float | None = Field(default=None, gt=0.0)  # [N]
 
 
-class Thruster(Table):
+class Thruster(StrictTable):
     """A single thruster: where it pushes, in which direction, and how hard at full thrust.
 
     ``direction`` is that of the force on the spacecraft, against the jet; it need not be a unit vector.
@@ -161,7 +161,7 @@ AnyEffect = Annotated[
 AnySensor = Annotated[Sensor, _in_place(lambda t: t)]
 
 
-class Description(ShortRepr, Table):
+class Description(ShortRepr, StrictTable):
     """A spacecraft: a URDF and everything a URDF cannot say.
 
     ``folder`` is where relative paths start; it is not part of the file. Made in Python, a description (like

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 from smsid._listing import did_you_mean
 from smsid.effects.assembly import Assembly
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
-from smsid.effects.table import Table
+from smsid.effects.table import StrictTable
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
 
@@ -48,7 +48,7 @@ def physical(
     return Field(json_schema_extra=extra, **kwargs)
 
 
-class Effect(Table):
+class Effect(StrictTable):
     """An effect with its physical parameters.
 
     Subclasses declare their parameters as fields made with `physical`, and override what they do:
@@ -438,13 +438,13 @@ def _prefixes(key: str) -> set[str]:
 
 
 @cache
-def _physical_fields(cls: type[Table]) -> tuple[tuple[str, Mapping[str, Any] | None], ...]:
+def _physical_fields(cls: type[StrictTable]) -> tuple[tuple[str, Mapping[str, Any] | None], ...]:
     """Return the fields of a table that are physical, with their declarations, and others (``None``)."""
     extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
     return tuple((n, x if isinstance(x, dict) and "unit" in x else None) for n, x in extras.items())
 
 
-def _numbers(table: Table) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
+def _numbers(table: StrictTable) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
     """Yield name, value and declaration of the physical parameters of a table and of those in it."""
     for entry, extra in _physical_fields(type(table)):
         value = getattr(table, entry)
@@ -454,7 +454,7 @@ def _numbers(table: Table) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
                     yield f"{entry}.{axis}", float(number), extra
         elif extra is not None and value is not None:
             yield entry, float(value), extra
-        elif extra is None and isinstance(value, tuple) and value and isinstance(value[0], Table):
+        elif extra is None and isinstance(value, tuple) and value and isinstance(value[0], StrictTable):
             for k, part in enumerate(value, start=1):
                 yield from ((f"{entry}{k}.{key}", number, own) for key, number, own in _numbers(part))
 

@@ -17,11 +17,11 @@ import scipy  # loads a part of it when that is used
 from pydantic import Field
 
 from smsid.effects.base import Vector3, physical
-from smsid.effects.table import Table
+from smsid.effects.table import StrictTable
 from smsid.errors import DescriptionError
 
 
-class Mode(Table):
+class Mode(StrictTable):
     """One mass-normalised mode as a finite-element program delivers it.
 
     ``frequency`` [Hz], ``damping`` ratio, ``translation`` L_t [kg^.5] and ``rotation`` L_r about the root

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 
-class Table(BaseModel):
+class StrictTable(BaseModel):
     """One table. Numbers must be finite; ``true`` and ``"5"`` are no numbers, which pydantic would take."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)

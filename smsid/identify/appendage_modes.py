@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
-from smsid.identify.modes import Mode, Poles, mac
+from smsid.identify.modes import IdentifiedMode, Poles, mac
 from smsid.identify.ssi import signal_matrix, ssi_cov
 from smsid.identify.ssi_decimate import decimate, filter_length
 from smsid.identify.ssi_input import ssi_cov_input
@@ -32,8 +32,8 @@ class PanelModes:
         status: how each was found.
     """
 
-    clamped: tuple[Mode, ...]
-    coupled: tuple[Mode, ...]
+    clamped: tuple[IdentifiedMode, ...]
+    coupled: tuple[IdentifiedMode, ...]
     status: str
 
     def partners(self) -> dict[int, int]:
@@ -52,7 +52,7 @@ class PanelModes:
         return found
 
 
-def _bends(coupled: Mode, clamped: Mode) -> float:
+def _bends(coupled: IdentifiedMode, clamped: IdentifiedMode) -> float:
     """Return the share of a coupled shape that is a clamped one's bending, the rest moving as the root."""
     basis = np.column_stack([clamped.shape / np.linalg.norm(clamped.shape), np.ones(len(clamped.shape))])
     bending, rigid = np.abs(np.linalg.lstsq(basis, coupled.shape, rcond=None)[0])
@@ -160,7 +160,7 @@ def _over_rates(
     channels: int,
     top: float,
     identify: Callable[[np.ndarray, float, int], tuple[Poles, ...]],
-) -> tuple[Mode, ...]:
+) -> tuple[IdentifiedMode, ...]:
     """Modes of ``x`` (N, channels) read each at the sampling rate that suits it."""
     samples = len(x)
     if _block_rows(samples, channels) < FEWEST_ROWS:
@@ -170,7 +170,7 @@ def _over_rates(
             samples=samples,
         )
     rates: list[float] = []
-    groups: list[list[Mode]] = []
+    groups: list[list[IdentifiedMode]] = []
     factors = [1]
     while (
         _block_rows((samples - filter_length(2 * factors[-1])) // (2 * factors[-1]) + 1, channels)
@@ -190,7 +190,7 @@ def _over_rates(
     return tuple(sorted(within, key=lambda mode: mode.frequency))
 
 
-def _join(groups: list[list[Mode]], mode: Mode) -> None:
+def _join(groups: list[list[IdentifiedMode]], mode: IdentifiedMode) -> None:
     """Put a mode with the same one found at other rates."""
     for group in groups:
         same = abs(group[-1].frequency - mode.frequency) <= 0.02 * mode.frequency
@@ -200,7 +200,7 @@ def _join(groups: list[list[Mode]], mode: Mode) -> None:
     groups.append([mode])
 
 
-def _best(group: list[Mode], rates: Sequence[float]) -> Mode | None:
+def _best(group: list[IdentifiedMode], rates: Sequence[float]) -> IdentifiedMode | None:
     """The mode at the lowest rate of which its frequency is within a fifth, or the nearest rate to that.
 
     None if it was found at one rate only and that is not the one it belongs to.

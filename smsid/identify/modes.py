@@ -44,7 +44,7 @@ class Poles:
 
 @short_repr
 @dataclass(frozen=True)
-class Mode:
+class IdentifiedMode:
     """A mode that stays the same over model orders; values are medians over those orders.
 
     Attributes:
@@ -93,7 +93,7 @@ IN_TUNE = 0.05  # relative, within which frequencies keep the ratios that are de
 FAR = 5.0  # factor by which all frequencies together may be off
 
 
-def match_modes(found: Sequence[Mode], described: Sequence[DescribedMode]) -> dict[int, int]:
+def match_modes(found: Sequence[IdentifiedMode], described: Sequence[DescribedMode]) -> dict[int, int]:
     """Return which found mode (value) is which described one (key): nearest in the logarithm of frequency.
 
     A described mode that none is found within `SAME_MODE` of stays unmatched; it does not push the others on.
@@ -122,7 +122,7 @@ def _nearest(apart: np.ndarray, limit: float) -> dict[int, int]:
 def identified_modes(
     appendage: Appendage,
     factor: float,
-    modes: Sequence[Mode],
+    modes: Sequence[IdentifiedMode],
     described: Sequence[DescribedMode] | None = None,
 ) -> ModalAppendage:
     """Return an appendage as modal data with identified frequencies and damping, its mass times ``factor``.

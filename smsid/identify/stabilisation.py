@@ -11,7 +11,7 @@ import scipy  # loads a part of it when that is used
 from scipy.spatial.distance import squareform
 
 from smsid.errors import SmsidError
-from smsid.identify.modes import Mode, Poles, mac, real_shape
+from smsid.identify.modes import IdentifiedMode, Poles, mac, real_shape
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,9 @@ def stable_poles(poles: Sequence[Poles], stability: Stability | None = None) -> 
     return tuple(masks)
 
 
-def stable_modes(poles: Sequence[Poles], rate: float, stability: Stability | None = None) -> tuple[Mode, ...]:
+def stable_modes(
+    poles: Sequence[Poles], rate: float, stability: Stability | None = None
+) -> tuple[IdentifiedMode, ...]:
     """Cluster the stable poles into modes, ascending in frequency. No order is picked by hand.
 
     Average-linkage clustering with distance ``|df| / f + 1 - MAC``, cut where a pole would no longer count as
@@ -98,7 +100,7 @@ def stable_modes(poles: Sequence[Poles], rate: float, stability: Stability | Non
         if members.size < needed or contribution < limits.contribution:
             continue
         modes.append(
-            Mode(
+            IdentifiedMode(
                 frequency=float(np.median(frequency[members])),
                 damping=float(np.median(damping[members])),
                 shape=real_shape(shapes[members]),

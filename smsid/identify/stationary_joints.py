@@ -29,7 +29,7 @@ FEWEST = 4  # blocks
 
 
 @dataclass(frozen=True)
-class Combination:
+class HiddenCombination:
     """A combination of inertial parameters: its ``row`` (10 bodies,) gives the value."""
 
     name: str
@@ -141,7 +141,9 @@ def if_all_moved(model: SpacecraftModel) -> tuple[BaseParameters, ParameterSplit
     return base_parameters(np.vstack(rows), parts.names, parts.units), parts
 
 
-def taken_away(model: SpacecraftModel, joints: Sequence[int], found: BaseParameters) -> list[Combination]:
+def taken_away(
+    model: SpacecraftModel, joints: Sequence[int], found: BaseParameters
+) -> list[HiddenCombination]:
     """Return what is not among the base parameters ``found`` of Step B because arm ``joints`` stand still."""
     if not joints:
         return []
@@ -153,7 +155,7 @@ def taken_away(model: SpacecraftModel, joints: Sequence[int], found: BaseParamet
         if parts.names[i].rsplit(".", 1)[0] in links and i not in found.independent:
             row = np.zeros(regressor.columns)
             row[parts.unknown] = base.matrix[k]
-            out.append(Combination(base.names[k], base.units[k], row))
+            out.append(HiddenCombination(base.names[k], base.units[k], row))
     return out
 
 

@@ -15,7 +15,7 @@ from smsid._short_repr import short_repr
 from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.estimate import Estimate, classify
-from smsid.identify.modes import Mode, Poles
+from smsid.identify.modes import IdentifiedMode, Poles
 from smsid.identify.ssi import block_hankel, checked_orders, observability_poles
 from smsid.identify.ssi_decimate import decimate, filter_length
 from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
@@ -197,8 +197,8 @@ def _identify_modes(
     rows = sorted({min(max(int(w * window * slow_rate), least), MOST_ROWS) for w in WINDOWS})
     blocks = min(max(10, int(sum(map(len, slow)) / (8 * max(rows)))), 30)
     draws = generator.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=replicates).astype(float)
-    found: list[list[Mode]] = []
-    loose: list[list[Mode]] = []
+    found: list[list[IdentifiedMode]] = []
+    loose: list[list[IdentifiedMode]] = []
     again: list[list[tuple[Poles, ...]]] = []
     every: list[tuple[Poles, ...]] = []
     for count in rows:
@@ -299,7 +299,7 @@ def _drift(pieces: list[np.ndarray], rate: float, modes: Sequence[AmbientMode]) 
     return float(power[1 : int(min(DRIFT_CYCLES, slowest))].sum() / max(power[1:].sum(), 1e-300))
 
 
-def _is_line(group: list[Mode], line: float) -> bool:
+def _is_line(group: list[IdentifiedMode], line: float) -> bool:
     frequency = float(np.median([m.frequency for m in group]))
     return abs(frequency - line) < 0.005 * line and float(np.median([m.damping for m in group])) < 0.005
 
@@ -328,7 +328,12 @@ def _block_covariances(pieces: list[np.ndarray], rows: int, blocks: int) -> np.n
 
 
 def _mode(
-    group: list[Mode], windows: int, sigma: np.ndarray, y: np.ndarray, rate: float, scale: np.ndarray
+    group: list[IdentifiedMode],
+    windows: int,
+    sigma: np.ndarray,
+    y: np.ndarray,
+    rate: float,
+    scale: np.ndarray,
 ) -> AmbientMode:
     frequency = float(np.median([m.frequency for m in group]))
     damping = float(np.median([m.damping for m in group]))

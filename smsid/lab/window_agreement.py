@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from smsid.identify.modes import Mode, Poles, mac
+from smsid.identify.modes import IdentifiedMode, Poles, mac
 
 AGREEING = 3
 """Number of windows that must find the same modes."""
@@ -16,10 +16,10 @@ SAME_POLE = 0.05
 """A pole of a resampled record further from a mode than this share of its frequency is another one."""
 
 
-def group_modes(found: list[list[Mode]], tolerance: float) -> list[list[Mode]]:
+def group_modes(found: list[list[IdentifiedMode]], tolerance: float) -> list[list[IdentifiedMode]]:
     """Put the modes of different windows that are one and the same together; at most one of each window."""
     every = sorted((m for modes in found for m in modes), key=lambda m: m.frequency)
-    groups: list[list[Mode]] = []
+    groups: list[list[IdentifiedMode]] = []
     for mode in every:
         near = groups[-1] if groups else []
         centre = np.median([m.frequency for m in near]) if near else 0.0
@@ -39,7 +39,7 @@ def least_agreeing(windows: int) -> float:
     return max(AGREEING, 0.7 * windows)
 
 
-def finest_windows(found: list[list[Mode]], tolerance: float) -> list[int]:
+def finest_windows(found: list[list[IdentifiedMode]], tolerance: float) -> list[int]:
     """Windows that resolve most: with the largest number of modes on which three or more windows agree.
 
     Too short a window merges close modes, too long a one splits them by noise, each time elsewhere.
@@ -52,7 +52,7 @@ def finest_windows(found: list[list[Mode]], tolerance: float) -> list[int]:
     return []
 
 
-def resampled_scatter(groups: list[list[Mode]], again: list[list[tuple[Poles, ...]]]) -> np.ndarray:
+def resampled_scatter(groups: list[list[IdentifiedMode]], again: list[list[tuple[Poles, ...]]]) -> np.ndarray:
     """Deviations (replicates, windows, modes, 2) of frequency and damping; NaN where a mode got lost.
 
     In each resampled record, for each window and order, every mode is given a pole of its own, so that close

@@ -22,7 +22,7 @@ ROLES = ("estimation", "validation", "unspecified")
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class ArrayLayout:
     """What a recording holds.
 
     ``clocks`` (N,) [s]; ``channels``: dimensions, the clock first, and samples (N, ...); ``units`` of them;
@@ -52,7 +52,7 @@ class Layout:
             for name, (dims, values) in self.channels.items()
         }
 
-    def cut(self, rows: Mapping[str, slice | NDArray[np.int_]]) -> Layout:
+    def cut(self, rows: Mapping[str, slice | NDArray[np.int_]]) -> ArrayLayout:
         """Keep some rows, by clock."""
         clocks = {
             clock: times[rows[clock]] if clock in rows else times for clock, times in self.clocks.items()
@@ -63,7 +63,7 @@ class Layout:
         }
         return replace(self, clocks=clocks, channels=channels)
 
-    def without(self, names: Sequence[str]) -> Layout:
+    def without(self, names: Sequence[str]) -> ArrayLayout:
         """Leave channels out, and what they alone need."""
         channels = {name: own for name, own in self.channels.items() if name not in names}
         if not channels:
@@ -77,7 +77,7 @@ class Layout:
             labels={k: x for k, x in self.labels.items() if k in used},
         )
 
-    def same(self, other: Layout) -> bool:
+    def same(self, other: ArrayLayout) -> bool:
         """Compare all but the provenance; not a number equals itself."""
         if (list(self.channels), self.units, self.labels) != (
             list(other.channels),
@@ -159,7 +159,7 @@ def build(
     labels: Mapping[str, Sequence[str]],
     units: Mapping[str, str],
     attributes: Mapping[str, str],
-) -> Layout:
+) -> ArrayLayout:
     """Lay out the arrays of `Recording.from_arrays`, or raise `RecordingError`."""
     unused = [name for name in units if name not in channels]
     if unused:
@@ -192,10 +192,10 @@ def build(
                     expected=known,
                 )
         laid[name], known_units[name] = (dims, array), quantity.unit
-    return Layout(clocks, laid, known_units, _labels(labels, sizes), dict(attributes))
+    return ArrayLayout(clocks, laid, known_units, _labels(labels, sizes), dict(attributes))
 
 
-def layout_of_dataset(stored: Stored, attributes: Mapping[str, Any]) -> Layout:
+def layout_of_dataset(stored: Stored, attributes: Mapping[str, Any]) -> ArrayLayout:
     """Lay out a dataset, or raise `RecordingError`."""
     advice, channels, units = "Build recordings with Recording.from_arrays.", {}, {}
     coordinates = {name: values for name, (dims, values, _) in stored.items() if dims == (name,)}

@@ -43,11 +43,11 @@ class Recording(ShortRepr):
     """
 
     __slots__ = ("_contradictions", "_data")
-    _data: _layout.Layout
+    _data: _layout.ArrayLayout
     _contradictions: Contradictions | None
 
-    def __init__(self, dataset: xr.Dataset | _layout.Layout) -> None:
-        if not isinstance(dataset, _layout.Layout):
+    def __init__(self, dataset: xr.Dataset | _layout.ArrayLayout) -> None:
+        if not isinstance(dataset, _layout.ArrayLayout):
             stored = {
                 str(k): (tuple(map(str, x.dims)), x.values, x.attrs) for k, x in dataset.variables.items()
             }
@@ -110,7 +110,7 @@ class Recording(ShortRepr):
         return xr.Dataset(variables, coords=coordinates, attrs=dict(self._data.header))
 
     @property
-    def layout(self) -> _layout.Layout:
+    def layout(self) -> _layout.ArrayLayout:
         """What it holds."""
         return self._data
 

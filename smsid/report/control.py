@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from smsid.control.design import Design
+from smsid.control.design import ControllerDesign
 from smsid.control.robustness import Robustness
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone, cells
@@ -18,7 +18,7 @@ LIGHT = 0.001  # damping ratio below which the axis ends
 SHOWN = 14
 
 
-def control_report(made: Design, origin: Provenance) -> Report:
+def control_report(made: ControllerDesign, origin: Provenance) -> Report:
     """Return the report of a design."""
     sentence, tone = verdict(made)
     sections = [Section("blocks", "What is designed", _design_parts(made), f"{len(made.term.blocks)} groups")]
@@ -40,7 +40,7 @@ def control_report(made: Design, origin: Provenance) -> Report:
     return Report("Controller", made.description, sentence, tone, sections, origin, glance)
 
 
-def verdict(made: Design) -> tuple[str, Tone]:
+def verdict(made: ControllerDesign) -> tuple[str, Tone]:
     """Return one sentence on a design, and what it is worth."""
     flagged = sorted({p.name for p in made.poles if p.flag})
     driven = f" It takes damping from {', '.join(flagged)}." if flagged else ""
@@ -60,7 +60,7 @@ def verdict(made: Design) -> tuple[str, Tone]:
     return sentence + driven, "warn" if flagged else "good"
 
 
-def _design_parts(made: Design) -> tuple[Text | Table | Figure, ...]:
+def _design_parts(made: ControllerDesign) -> tuple[Text | Table | Figure, ...]:
     rows = []
     for b in made.term.blocks:
         low, high = b.gain_margin
@@ -80,7 +80,7 @@ def _design_parts(made: Design) -> tuple[Text | Table | Figure, ...]:
     return Table("H-infinity term and margins", columns, rows, note), Text(lines, bullets=True)
 
 
-def _modes(made: Design) -> tuple[Table | Figure, ...]:
+def _modes(made: ControllerDesign) -> tuple[Table | Figure, ...]:
     tuning = made.tuning
     assert tuning is not None
     rows, table, values = [], [], []
@@ -105,7 +105,7 @@ def _modes(made: Design) -> tuple[Table | Figure, ...]:
     )
 
 
-def _poles(made: Design) -> tuple[Table | Figure, ...]:
+def _poles(made: ControllerDesign) -> tuple[Table | Figure, ...]:
     x = np.array([abs(p.value) for p in made.poles])
     damping = np.array([p.damping for p in made.poles])
     shown = np.clip(damping, LIGHT, None)

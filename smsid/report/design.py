@@ -36,7 +36,7 @@ NEAR = 0.99  # share of what may be used at which a limit holds the design back
 
 
 @dataclass(frozen=True)
-class ReportInputs:
+class DesignInputs:
     """What was asked of a design: a relative precision ``to`` reach, and limits with their margin."""
 
     to: float | None = None
@@ -44,7 +44,7 @@ class ReportInputs:
 
 
 def design_report(
-    found: Design | Separation, model: SpacecraftModel, asked: ReportInputs, origin: Provenance
+    found: Design | Separation, model: SpacecraftModel, asked: DesignInputs, origin: Provenance
 ) -> Report:
     """Return the report of a designed experiment.
 
@@ -82,7 +82,7 @@ def design_report(
     return Report("Designed experiment", name, sentence, tone, sections, origin, glance)
 
 
-def verdict(found: Design | Separation, asked: ReportInputs) -> tuple[str, Tone]:
+def verdict(found: Design | Separation, asked: DesignInputs) -> tuple[str, Tone]:
     """Return one sentence on a design, and what it is worth."""
     stopped = " The search was interrupted." if found.interrupted else ""
     broken = asked.limits.violations(found.limits)

@@ -41,7 +41,7 @@ GIVEN, EXTENDED = "as given", "with the cause"
 
 
 @dataclass(frozen=True)
-class ReportInputs:
+class DiagnosisInputs:
     """What a diagnosis was asked: the description, its recordings, the estimate and the held-out ones."""
 
     description: Description
@@ -52,7 +52,7 @@ class ReportInputs:
 
 
 def diagnose_report(
-    found: DiagnosisRun, asked: ReportInputs, origin: Provenance, shares: Shares | None = None
+    found: DiagnosisRun, asked: DiagnosisInputs, origin: Provenance, shares: Shares | None = None
 ) -> Report:
     """Return the report of a diagnosis; what was not evaluated is said to be so.
 
@@ -87,7 +87,7 @@ def diagnose_report(
     return Report(title, d.description, verdict, TONES[d.verdict], sections, origin, _glance(d))
 
 
-def story_sections(found: DiagnosisRun, asked: ReportInputs) -> tuple[list[Section], OpenLoop | None]:
+def story_sections(found: DiagnosisRun, asked: DiagnosisInputs) -> tuple[list[Section], OpenLoop | None]:
     """Return measured against simulated, before and after, on a held-out recording if there is one.
 
     And what it is made from: the held-out recording as the models simulate it.
@@ -160,7 +160,7 @@ def map_section(tests: Mapping[str, Sequence[SignificantTest]], level: float) ->
     return [Section("map", "Map of equation by dependence", parts, gist, open=any(count))]
 
 
-def search_sections(search: Search, asked: ReportInputs) -> list[Section]:
+def search_sections(search: Search, asked: DiagnosisInputs) -> list[Section]:
     """Return the candidates, the spectra and the innovations of a search."""
     changed, out = bool(search.causes), []
     scores = rescore(search)
@@ -183,7 +183,7 @@ def search_sections(search: Search, asked: ReportInputs) -> list[Section]:
     return out
 
 
-def _gain_section(found: DiagnosisRun, asked: ReportInputs, loop: OpenLoop | None) -> Section:
+def _gain_section(found: DiagnosisRun, asked: DiagnosisInputs, loop: OpenLoop | None) -> Section:
     d, title = found.diagnosis, "Gain on held-out data"
     if d.gain is None:
         reason = d.gain_reason or "no validation recording was given"

@@ -11,7 +11,7 @@ from smsid.errors import SmsidError
 from smsid.identify.appendage_modes import FEWEST_ROWS, MODE_SHARE, MOST_ROWS, ORDERS, panel_modes
 from smsid.identify.clocks import event_times, rate_of, sample_channel
 from smsid.identify.commanded import excited_axes
-from smsid.identify.modes import Mode, Poles
+from smsid.identify.modes import IdentifiedMode, Poles
 from smsid.identify.sensor_roles import Roles
 from smsid.identify.ssi_decimate import decimate
 from smsid.identify.ssi_input import ssi_cov_input
@@ -36,7 +36,7 @@ class Diagram:
     rate: float
     poles: tuple[Poles, ...]
     stable: tuple[np.ndarray, ...]
-    modes: tuple[Mode | AmbientMode, ...]
+    modes: tuple[IdentifiedMode | AmbientMode, ...]
     state: str = "clamped"
     highest: float | None = None
 
@@ -49,7 +49,7 @@ class Diagram:
 
 
 def diagrams(
-    model: SpacecraftModel, recording: Recording, known: Mapping[str, Sequence[Mode]] | None = None
+    model: SpacecraftModel, recording: Recording, known: Mapping[str, Sequence[IdentifiedMode]] | None = None
 ) -> tuple[Diagram, ...]:
     """Return the diagrams of every appendage that thrust bent, at the rates its modes were read at.
 

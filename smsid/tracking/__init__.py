@@ -7,7 +7,7 @@ from smsid.tracking.change_detection import Change, ChangeDetector
 from smsid.tracking.followed_parameters import Followed, followed_parameters
 from smsid.tracking.history import TrackHistory, load_history, save_history
 from smsid.tracking.momentum_tracker import MomentumTracker
-from smsid.tracking.prediction import Prediction
+from smsid.tracking.prediction import StatePrediction
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
 from smsid.tracking.stream import Stream
@@ -22,9 +22,9 @@ __all__ = [
     "ChangeDetector",
     "Followed",
     "MomentumTracker",
-    "Prediction",
     "Sample",
     "Setting",
+    "StatePrediction",
     "Stream",
     "TrackHistory",
     "Tracker",

@@ -24,7 +24,7 @@ from smsid._short_repr import short_repr
 from smsid._time_text import time_text
 from smsid.estimation.parameter_vector import Unknown
 from smsid.tracking.course import PASS
-from smsid.tracking.jump_runs import CLOCK, JumpRuns, Rerun, Start, likelier, reach_of
+from smsid.tracking.jump_runs import CLOCK, JumpRuns, JumpStart, Rerun, likelier, reach_of
 from smsid.tracking.tracker import Tracker
 from smsid.tracking.update import Update
 
@@ -85,7 +85,7 @@ class _Found:
     """A change that is in the filter, from where it is run, and when it is measured again [s]."""
 
     change: Change
-    start: Start
+    start: JumpStart
     index: np.ndarray
     run: Rerun
 
@@ -112,7 +112,7 @@ class ChangeDetector:
     def __post_init__(self) -> None:
         self.tracker.course.longest_pass = PASS[0]  # a start lies between passes
         self.tracker.rescue = self.rescue
-        self._starts: list[Start] = []
+        self._starts: list[JumpStart] = []
         self._last, self._number, self._next = -np.inf, 0, -np.inf
         self._size = 1.0
         self._alarm: float | None = None
@@ -204,7 +204,7 @@ class ChangeDetector:
         delta = np.zeros((len(f.covariance), m))
         delta[f.parameters] = np.eye(m)
         score, whole, information = np.zeros(m), np.zeros(m), np.zeros((m, m))
-        self._starts.append(Start(self._number, time, delta, score, whole, information, f.snapshot()))
+        self._starts.append(JumpStart(self._number, time, delta, score, whole, information, f.snapshot()))
         self._number += 1
         self._next = max(self._next + self.every, time)
 
@@ -226,13 +226,13 @@ class ChangeDetector:
         if self._alarm is None:
             self._starts = kept
 
-    def _tells(self, start: Start, scale: float) -> bool:
+    def _tells(self, start: JumpStart, scale: float) -> bool:
         """Whether a jump of some group at a start is beyond chance."""
         level = np.log(self.level)
         return any(self._chance(start, start.score, i, scale)[0] < level for i in self._groups.values())
 
     def _chance(
-        self, start: Start, scores: np.ndarray, index: np.ndarray, scale: float
+        self, start: JumpStart, scores: np.ndarray, index: np.ndarray, scale: float
     ) -> tuple[float, float, int]:
         """Return the log of the chance of a group's ratio, the ratio, and how many directions are seen."""
         score, information = scores[index], start.information[np.ix_(index, index)]
@@ -270,7 +270,7 @@ class ChangeDetector:
         best.change = replace(best.change, others=others[:3])
         return best
 
-    def _tried(self, group: str, start: Start, alarm: float, scale: float, log_p: float) -> _Found:
+    def _tried(self, group: str, start: JumpStart, alarm: float, scale: float, log_p: float) -> _Found:
         """Return a jump of a group, measured from where the linear filter sees it."""
         index = self._groups[group]
         followed = [self.tracker.start.followed[i] for i in index]

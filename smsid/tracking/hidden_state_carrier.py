@@ -12,12 +12,12 @@ import numpy as np
 
 from smsid.identify.paper.hidden_states import LEAST_NOISE, HiddenStates
 from smsid.identify.paper.modal_state import ModalState, smooth_modes
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.identify.paper.slosh_state import estimate_slosh
 from smsid.identify.robust import white_sigma
 from smsid.model.spacecraft import SpacecraftModel
 
-Chunk = tuple[Motion, HiddenStates]
+Chunk = tuple[MeasuredMotion, HiddenStates]
 
 
 class HiddenStateCarrier:
@@ -27,10 +27,10 @@ class HiddenStateCarrier:
         self.model = model
         self._carry, self._carry_again = Carry({}, {}), Carry({}, {})
         self._noises: tuple[dict[str, float], dict[str, float]] | None = None
-        self._before: Motion | None = None
-        self._previous: Motion | None = None
+        self._before: MeasuredMotion | None = None
+        self._previous: MeasuredMotion | None = None
 
-    def push(self, motion: Motion | None) -> Chunk | None:
+    def push(self, motion: MeasuredMotion | None) -> Chunk | None:
         """Take in the next motion, or ``None`` at the end; return the one before with its hidden states."""
         previous, out = self._previous, None
         if previous is not None:
@@ -56,9 +56,9 @@ class Carry:
 
 def _carried(
     model: SpacecraftModel,
-    before: Motion | None,
-    motion: Motion,
-    after: Motion | None,
+    before: MeasuredMotion | None,
+    motion: MeasuredMotion,
+    after: MeasuredMotion | None,
     carry: Carry,
     noise: dict[str, float],
 ) -> HiddenStates:
@@ -93,10 +93,10 @@ def _carried(
     return HiddenStates(slosh, modes)
 
 
-def _noises(model: SpacecraftModel, motion: Motion) -> tuple[dict[str, float], dict[str, float]]:
+def _noises(model: SpacecraftModel, motion: MeasuredMotion) -> tuple[dict[str, float], dict[str, float]]:
     """Noise of the prepared accelerations, read from the first piece, without and with noise once more."""
 
-    def of(motion: Motion) -> dict[str, float]:
+    def of(motion: MeasuredMotion) -> dict[str, float]:
         values = {"imu": motion.acceleration, **motion.panels}
         return {k: max(float(np.sqrt(np.mean(white_sigma(x) ** 2))), LEAST_NOISE) for k, x in values.items()}
 

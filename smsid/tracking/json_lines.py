@@ -58,7 +58,7 @@ def lines_of(recording: Recording) -> Iterator[tuple[float, str]]:
         yield sample.time, json.dumps(json_ready({"time": sample.time, **channels}))
 
 
-class Columns:
+class SampleColumns:
     """Brings the columns of samples into the spacecraft's order, by labels told once, as of a recording."""
 
     def __init__(self, model: SpacecraftModel) -> None:

@@ -28,7 +28,7 @@ CLOCK = 1e-6  # [s] by which times may differ that are the same
 
 
 @dataclass(eq=False)
-class Start:
+class JumpStart:
     """A time a change may have begun: signature in the state (x, m), scores (m,), information (m, m).
 
     ``score`` is of clipped innovations, which raises alarms; ``whole`` of all there was, which says what it
@@ -69,7 +69,7 @@ class JumpRuns:
     passes: deque[tuple] = field(default_factory=deque)
 
     def found_anew(
-        self, base: Start, index: np.ndarray, point: np.ndarray, first: float, alarm: float
+        self, base: JumpStart, index: np.ndarray, point: np.ndarray, first: float, alarm: float
     ) -> Rerun | None:
         """Return the likeliest run of a jump of parameters ``index`` (k,), from a first ``point`` (k,) on, at
         any time from ``first`` to the alarm [s].
@@ -88,7 +88,7 @@ class JumpRuns:
         best = likelier(*(self._run(base, index, size, float(t)) for t in times))
         return None if best is None else self.refined(base, index, best, 0.25 * self.every)
 
-    def refined(self, start: Start, index: np.ndarray, best: Rerun, grid: float) -> Rerun:
+    def refined(self, start: JumpStart, index: np.ndarray, best: Rerun, grid: float) -> Rerun:
         """Return the likeliest run of a group (k,) within ``grid`` [s] of its onset: times, then sizes."""
         for _ in range(ROUNDS):
             before, best = best, self._at_onset(start, index, best, grid)
@@ -98,7 +98,7 @@ class JumpRuns:
             best, grid = replace(settled, grid=best.grid), best.grid
         return best
 
-    def _at_onset(self, start: Start, index: np.ndarray, best: Rerun, grid: float) -> Rerun:
+    def _at_onset(self, start: JumpStart, index: np.ndarray, best: Rerun, grid: float) -> Rerun:
         """Return the likeliest run with a jump within ``grid`` [s] of a run's, and how well it is known.
 
         To a sample: one on the wrong side of a large jump moves parameters by many standard deviations.
@@ -121,7 +121,7 @@ class JumpRuns:
         return replace(best, grid=known)
 
     def iterated(
-        self, start: Start, index: np.ndarray, point: np.ndarray, onset: float, opening: float = -np.inf
+        self, start: JumpStart, index: np.ndarray, point: np.ndarray, onset: float, opening: float = -np.inf
     ) -> Rerun | None:
         """Return the likeliest of runs of parameters ``index`` (k,), each about the point (k,) where the one
         before ended, or half of the way to it where that was no better: Gauss and Newton's steps, damped.
@@ -140,7 +140,7 @@ class JumpRuns:
 
     def _run(
         self,
-        start: Start,
+        start: JumpStart,
         index: np.ndarray,
         point: np.ndarray,
         onset: float,

@@ -15,7 +15,7 @@ from smsid.identify.estimate import Estimate
 from smsid.identify.momentum_rows import CORRELATION_TIME, carried_by_bus
 from smsid.identify.paper.hidden_states import HiddenStates, check_on_bus
 from smsid.identify.paper.momentum import rows_b, step_a
-from smsid.identify.paper.motion import Motion, prepare, raw_rates
+from smsid.identify.paper.motion import MeasuredMotion, prepare, raw_rates
 from smsid.identify.paper.noise_replicates import add_noise_replicate
 from smsid.identify.paper.recursive_tls import RecursiveTls
 from smsid.identify.paper.rest import check_at_rest
@@ -198,7 +198,7 @@ class MomentumTracker:
             self._first = None
         return out
 
-    def _motions(self, begin: float, end: float) -> tuple[Motion, list[Motion]]:
+    def _motions(self, begin: float, end: float) -> tuple[MeasuredMotion, list[MeasuredMotion]]:
         """Return the motion from ``begin`` to ``end`` [s], and with noise once more, several times.
 
         Samples that no later window needs are forgotten.
@@ -216,7 +216,7 @@ class MomentumTracker:
             check_at_rest(self.description.name, raw_rates(self.model, recording))
         sensors = self.description.effective_sensors()
 
-        def prepared(of: Recording) -> Motion:
+        def prepared(of: Recording) -> MeasuredMotion:
             motion = prepare(self.model, of, cutoff=CUTOFF, rate=RATE)
             return motion.only((motion.time > begin - 0.25 / RATE) & (motion.time < end - 0.25 / RATE))
 
@@ -230,7 +230,7 @@ class MomentumTracker:
         kinds = {s.name: s.kind for s in self.description.effective_sensors()}
         return kinds.get(channel.partition(".")[0]) == "accelerometers"
 
-    def _push(self, motion: Motion | None, others: Sequence[Motion | None]) -> list[Update]:
+    def _push(self, motion: MeasuredMotion | None, others: Sequence[MeasuredMotion | None]) -> list[Update]:
         chunk = self._carrier.push(motion)
         more = [c.push(m) for c, m in zip(self._others, others, strict=True)]
         if chunk is None or not len(chunk[0]):
@@ -240,7 +240,7 @@ class MomentumTracker:
             self.listener(told)
         return [told]
 
-    def _equations(self, motion: Motion, hidden: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
+    def _equations(self, motion: MeasuredMotion, hidden: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
         """Return rows (N, 6, m + 3) of the combinations and the centre's offset, right-hand side (N, 6)."""
         full, rhs = rows_b(
             self.model, self.regressor, self.split, motion, hidden, self.model.mass, self._centre

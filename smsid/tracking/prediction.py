@@ -15,7 +15,7 @@ from smsid.tracking.setting import Setting
 
 @short_repr
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class StatePrediction:
     """The state at a time [s] to come: q (nq,), v (nv,), ``covariance`` (x, x) as `Tracker.covariance`.
 
     ``readings`` and ``sigmas`` by channel are what the sensors will read, and how surely, noise included;
@@ -30,7 +30,7 @@ class Prediction:
     sigmas: Mapping[str, np.ndarray]
 
 
-def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: float) -> Prediction:
+def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: float) -> StatePrediction:
     """Return state and readings ``horizon`` [s] ahead under ``inputs``; the filter is not changed."""
     ahead = now.snapshot()
     edges = filled(ahead.time, ahead.time + horizon, setting.longest)
@@ -38,7 +38,7 @@ def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: flo
     nothing = np.full((len(edges), ahead.layout.rows), np.nan), np.zeros((len(edges), count, 4))
     found = ahead.go_on(edges, ahead.drive(inputs, setting.substep, edges), *nothing)
     readings, sigmas = _readings(ahead, found.predicted[-1], found.sensitivity[-1])
-    return Prediction(ahead.time, ahead.q, ahead.v, covariance_in_units(ahead), readings, sigmas)
+    return StatePrediction(ahead.time, ahead.q, ahead.v, covariance_in_units(ahead), readings, sigmas)
 
 
 def filled(start: float, end: float, longest: float) -> np.ndarray:

@@ -18,7 +18,7 @@ from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.tracking.change_detection import Change, ChangeDetector
 from smsid.tracking.followed_parameters import Rate
-from smsid.tracking.json_lines import Columns, parse_sample
+from smsid.tracking.json_lines import SampleColumns, parse_sample
 from smsid.tracking.sample import Sample
 from smsid.tracking.setting import Setting
 from smsid.tracking.track_recordings import track_recordings
@@ -64,7 +64,7 @@ class Stream:
         false_alarms: float | None = None,
     ) -> None:
         self.description, self.tracker = description, tracker
-        self.columns = Columns(build_model(description) if tracker is None else tracker.origin.base)
+        self.columns = SampleColumns(build_model(description) if tracker is None else tracker.origin.base)
         self.begin, self.every, self.false_alarms, self.lateness = begin, every, false_alarms, lateness
         self._asked = {"follow": follow, "hold": hold, "estimate": estimate}
         self._first: list[Sample] = []
@@ -86,7 +86,7 @@ class Stream:
         return self._said(self.tracker.update(sample))
 
     def hear_line(self, line: str) -> list[Discrimination]:
-        """Take in a line of JSON, a sample or labels (`Columns`); one that cannot be used is an event."""
+        """Take in a line of JSON, sample or labels (`SampleColumns`); one that cannot be used is an event."""
         self._lines += 1
         try:
             if not line.strip() or self.columns.told(line):

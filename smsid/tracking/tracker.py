@@ -27,7 +27,7 @@ from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN, Rate, StartingPoint, followed_parameters
 from smsid.tracking.linearisation import point_at
 from smsid.tracking.parameter_filter import ParameterFilter
-from smsid.tracking.prediction import Prediction, covariance_in_units, filled, predict
+from smsid.tracking.prediction import StatePrediction, covariance_in_units, filled, predict
 from smsid.tracking.sample import Sample
 from smsid.tracking.sample_buffer import EventLog, MomentEvents, SampleBuffer
 from smsid.tracking.setting import Setting
@@ -219,7 +219,7 @@ class Tracker:
         self.begin(flight.problem.begin, first)
         self.buffer.passed = -np.inf
 
-    def predict(self, horizon: float) -> Prediction:
+    def predict(self, horizon: float) -> StatePrediction:
         """Return state and readings ``horizon`` [s] ahead, the last commands going on; nothing is changed.
 
         Raises `RecordingError` for a negative horizon or before the first sample.

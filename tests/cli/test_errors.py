@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from smsid.cli.app import COMMANDS, app, main
-from smsid.cli.errors import Outcome, with_output_options
+from smsid.cli.errors import CommandResult, with_output_options
 from smsid.cli.output import show_progress, show_spinner, warn
 from smsid.errors import SmsidError
 
@@ -205,9 +205,9 @@ def invoked(function: Any, *words: str) -> Any:
 
 
 def test_outcome_goes_with_its_exit_code():
-    def judge(name: str) -> Outcome:
+    def judge(name: str) -> CommandResult:
         print("for people")
-        return Outcome({"name": name, "share": float("nan")}, [Path("a.json")], 3)
+        return CommandResult({"name": name, "share": float("nan")}, [Path("a.json")], 3)
 
     told = invoked(judge, "x", "--json")
     assert told.exit_code == 3
@@ -225,7 +225,7 @@ def test_a_command_that_hands_nothing_back_still_gives_json():
 
 
 def test_errors_go_into_the_json_with_their_advice():
-    def fail() -> Outcome:
+    def fail() -> CommandResult:
         raise SmsidError("It broke.", advice="Mend it.")
 
     told = invoked(fail, "--json")
@@ -237,13 +237,13 @@ def test_errors_go_into_the_json_with_their_advice():
 
 
 def test_progress_and_warnings_keep_off_stdout(capsys, monkeypatch):
-    def work() -> Outcome:
+    def work() -> CommandResult:
         with show_spinner("thinking") as tell, show_progress("counting", 3.0, "s") as count:
             logging.getLogger("smsid.test").info("half way")
             tell("nearly")
             count(2.0)
         warn("careful")
-        return Outcome({"done": True})
+        return CommandResult({"done": True})
 
     monkeypatch.setenv("FORCE_COLOR", "1")  # rich takes stderr for a terminal
     monkeypatch.setenv("TERM", "xterm")

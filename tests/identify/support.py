@@ -11,7 +11,7 @@ import pytest
 import scipy.signal
 
 from smsid.description import Description, load_description
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.recording import Recording, import_recording
 from smsid.sensing import add_noise
 
@@ -98,12 +98,12 @@ def from_twin(channels: dict[str, np.ndarray], *, name: str = "twin") -> Recordi
     )
 
 
-def exact_motion(states, point) -> Motion:
-    """A `Motion` of unrelated exact states of the twins (no accelerations: what does not need them)."""
+def exact_motion(states, point) -> MeasuredMotion:
+    """Unrelated exact states of the twins (no accelerations: what does not need them)."""
     n, zero = len(states), np.zeros((len(states), 3))
     spin = np.array([np.cross(s.omega_b, point) for s in states])
     rotation = np.array([s.attitude for s in states])
-    return Motion(
+    return MeasuredMotion(
         time=np.arange(n) / 20.0,
         position=np.array([s.position + s.attitude @ point for s in states]),
         rotation=rotation,

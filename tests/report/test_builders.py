@@ -29,7 +29,7 @@ from smsid.paper.table4_study import study_report
 from smsid.report import render
 from smsid.report.campaign import campaign_report, normalised_errors
 from smsid.report.control import _robust
-from smsid.report.diagnose import ReportInputs, diagnose_report, shorten
+from smsid.report.diagnose import DiagnosisInputs, diagnose_report, shorten
 from smsid.report.diagnosis_map import diagnosis_map, evidence
 from smsid.report.parameters import correlations, identifiability, parameter_table
 from smsid.report.spectra import spectrum_grid
@@ -153,7 +153,7 @@ def diagnosis() -> Diagnosis:
 
 
 def test_a_diagnosis_tells_cause_map_gain_and_limits(diagnosis, origin):
-    report = diagnose_report(DiagnosisRun(diagnosis, None), ReportInputs(None, ()), origin)
+    report = diagnose_report(DiagnosisRun(diagnosis, None), DiagnosisInputs(None, ()), origin)
     names = {"causes", "map", "map-before", "map-after", "gain", "gain-chart", "remaining", "limits", "notes"}
     page = check_page(render(report), names)
     assert report.tone == "good"
@@ -171,7 +171,7 @@ def test_what_is_not_evaluated_is_said_to_be_so(origin):
     found = Diagnosis(
         "craft", ("rec",), "not_evaluated", "The recording has no command.", gain_reason="no data"
     )
-    report = diagnose_report(DiagnosisRun(found, None), ReportInputs(None, ()), origin)
+    report = diagnose_report(DiagnosisRun(found, None), DiagnosisInputs(None, ()), origin)
     text = render(report)
     check_page(text, {"causes", "gain"})
     assert report.tone == "neutral" and "Not evaluated: The recording has no command." in text

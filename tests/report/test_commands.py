@@ -22,7 +22,7 @@ from smsid.model import build_model
 from smsid.recording import save_recording
 from smsid.report import render
 from smsid.report.arm import arm_report
-from smsid.report.diagnose import ReportInputs, diagnose_report
+from smsid.report.diagnose import DiagnosisInputs, diagnose_report
 
 from .pages import check_page, needs_chromium, run_page
 
@@ -94,7 +94,7 @@ def test_a_search_shows_candidates_aliases_spectra_and_innovations(urdf, origin)
     assert found.causes
     result = Diagnosis("paper_sms", (recording.name,), "explained", "It lacks friction.")
     report = diagnose_report(
-        DiagnosisRun(result, described, found), ReportInputs(described, [recording], rate=6.0), origin
+        DiagnosisRun(result, described, found), DiagnosisInputs(described, [recording], rate=6.0), origin
     )
     text = render(report)
     check_page(text, {"ranking", "alias-matrix", "spectra", "traces", "gain"})
@@ -139,7 +139,7 @@ def test_real_arms_are_shown_by_their_torques(origin):
     left, whole = (np.concatenate([getattr(t, k) for t in mine]) for k in ("residual", "measured"))
     assert np.linalg.norm(left) / np.linalg.norm(whole) == pytest.approx(found.judge(held).relative, rel=1e-9)
     diagnosed = diagnose(friction, [train], validation=[held])
-    page = render(diagnose_report(diagnosed, ReportInputs(friction, [train], None, [held]), origin))
+    page = render(diagnose_report(diagnosed, DiagnosisInputs(friction, [train], None, [held]), origin))
     check_page(page, {"map", "traces", "spectra", "gain"})
 
 

@@ -15,7 +15,7 @@ from smsid.design.model_discrimination import Discrimination, Separation
 from smsid.experiments import Experiment, LimitUse, StepProfile, thrust_experiment
 from smsid.model import build_model
 from smsid.report import render
-from smsid.report.design import ReportInputs, design_report, signal_grids, signal_points, verdict
+from smsid.report.design import DesignInputs, design_report, signal_grids, signal_points, verdict
 
 from .pages import check_page, needs_chromium, run_page
 
@@ -94,7 +94,7 @@ def test_limits_stand_with_their_margin_and_a_passed_one_is_the_verdict(urdf, or
         LimitUse("stroke", 0.2, 0.5, "m"),
         LimitUse("force", 39.0, 40.0, "N"),
     )
-    asked = ReportInputs(limits=Limits(margin=0.1))
+    asked = DesignInputs(limits=Limits(margin=0.1))
     report = design_report(separation(*uses[:2]), model, asked, origin)
     check_page(render(report), {"detection", "limit-chart"})
     assert report.tone == "good" and "4 times smaller" in report.verdict

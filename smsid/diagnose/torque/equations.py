@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from smsid.arm.identify import rigid_arm, structural_base, torque_rows
-from smsid.arm.motion import JointMotion, even_readings, joint_motion, measured_states
+from smsid.arm.motion import ArmMotion, even_readings, joint_motion, measured_states
 from smsid.description import Description
 from smsid.errors import RecordingError
 from smsid.identify.robust import white_sigma
@@ -55,7 +55,7 @@ class TorqueEquations:
     description: Description
     model: SpacecraftModel
     base: BaseParameters
-    motion: JointMotion
+    motion: ArmMotion
     fine: np.ndarray
     rows: np.ndarray
     torque: np.ndarray

@@ -16,7 +16,7 @@ ACCURACY = 1e-3  # of a value: what filters' ends and interpolated clocks leave 
 
 
 @dataclass(frozen=True)
-class Agreement:
+class AxisAgreement:
     """Whether axes agree in a parameter they share: ``values`` and ``sigma`` by axis, and the test's result.
 
     ``chi_squared`` of the values about their mean has ``freedom`` degrees; ``probability`` is that of one as
@@ -66,10 +66,10 @@ class CombinedAxes:
     names: tuple[str, ...]
     values: np.ndarray
     covariance: np.ndarray
-    agreements: tuple[Agreement, ...] = ()
+    agreements: tuple[AxisAgreement, ...] = ()
 
     @property
-    def contradictions(self) -> dict[str, Agreement]:
+    def contradictions(self) -> dict[str, AxisAgreement]:
         """Return, by name, the shared parameters in which axes contradict each other."""
         return {a.name: a for a in self.agreements if a.contradicts}
 
@@ -131,13 +131,13 @@ def combine(estimates: Sequence[AxisEstimate]) -> CombinedAxes:
     return CombinedAxes(tuple(rows), weights @ stacked, covariance, tuple(agreements))
 
 
-def _agreement(name: str, places: Sequence[tuple[AxisEstimate, int]]) -> Agreement:
+def _agreement(name: str, places: Sequence[tuple[AxisEstimate, int]]) -> AxisAgreement:
     values = np.array([e.values[i] for e, i in places])
     sigma = np.array([np.sqrt(e.covariance[i, i]) for e, i in places])
     spread = np.hypot(sigma, ACCURACY * np.abs(values).max())
     mean = float(np.sum(values / spread**2) / np.sum(1.0 / spread**2))
     chi_squared, freedom = float(np.sum(((values - mean) / spread) ** 2)), len(values) - 1
-    return Agreement(
+    return AxisAgreement(
         name,
         tuple(e.axis for e, _ in places),
         tuple(values.tolist()),

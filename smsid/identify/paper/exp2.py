@@ -19,7 +19,7 @@ from smsid.identify.paper.hidden_states import HiddenStates, Modal, check_on_bus
 from smsid.identify.paper.momentum import StepA, step_a, step_b
 from smsid.identify.paper.momentum_printed import step_b_printed
 from smsid.identify.paper.momentum_regression import Regression
-from smsid.identify.paper.motion import Motion, prepare, raw_rates
+from smsid.identify.paper.motion import MeasuredMotion, prepare, raw_rates
 from smsid.identify.paper.noise_replicates import add_noise_replicate
 from smsid.identify.paper.pose_point import PosePoint, refine_pose_point
 from smsid.identify.paper.rest import check_at_rest
@@ -42,7 +42,7 @@ class MomentumResult:
     ``pose_point`` is there when it was asked for; ``motion`` has it then.
     """
 
-    motion: Motion
+    motion: MeasuredMotion
     hidden: HiddenStates
     a: StepA
     b: Regression
@@ -124,7 +124,7 @@ def identify_momentum(
     steps = Steps(a, b, b_printed)
     place = {"pose_point": motion.pose_point, "imu_point": motion.imu_point}
 
-    def noisier(rng: np.random.Generator) -> Motion:
+    def noisier(rng: np.random.Generator) -> MeasuredMotion:
         recorded = add_noise_replicate(recording, model.description.effective_sensors(), rng)
         return replace(prepare(model, recorded, cutoff=cutoff, rate=rate), **place)
 
@@ -161,7 +161,7 @@ def identify_momentum(
 
 def _prepare_twice(
     model: SpacecraftModel, recording: Recording, cutoff: float | None, rate: float | None
-) -> Motion:
+) -> MeasuredMotion:
     noisier = add_noise_replicate(recording, model.description.effective_sensors(), np.random.default_rng(0))
     again = prepare(model, noisier, cutoff=cutoff, rate=rate)
     return replace(prepare(model, recording, cutoff=cutoff, rate=rate), again=again)
@@ -175,7 +175,7 @@ def _check_free(recording: Recording) -> None:
         )
 
 
-def _hardly_moving(model: SpacecraftModel, motion: Motion, still: StationaryJoints) -> list[str]:
+def _hardly_moving(model: SpacecraftModel, motion: MeasuredMotion, still: StationaryJoints) -> list[str]:
     speed = np.abs(motion.angle_rates).max(axis=0, initial=0.0)
     slow = [k for k in range(len(speed)) if speed[k] < LEAST_RATE and k not in still.joints]
     return [
@@ -186,7 +186,7 @@ def _hardly_moving(model: SpacecraftModel, motion: Motion, still: StationaryJoin
 
 
 def _check_excited(
-    model: SpacecraftModel, recording: Recording, motion: Motion, still: StationaryJoints
+    model: SpacecraftModel, recording: Recording, motion: MeasuredMotion, still: StationaryJoints
 ) -> None:
     length = float(motion.time[-1] - motion.time[0])
     if length < SHORTEST:

@@ -12,7 +12,7 @@ from smsid.identify.paper.hidden_states import HiddenStates, Modal, hidden_state
 from smsid.identify.paper.momentum import StepA, step_a, step_b
 from smsid.identify.paper.momentum_printed import step_b_printed
 from smsid.identify.paper.momentum_regression import Regression
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.identify.paper.noise_replicates import covariance_of_moves
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -87,10 +87,10 @@ def slosh_mass(model: SpacecraftModel) -> float:
 def with_errors(
     found: Steps,
     model: SpacecraftModel,
-    motion: Motion,
+    motion: MeasuredMotion,
     mass: float,
     modal: Modal,
-    noisier: Callable[[np.random.Generator], Motion],
+    noisier: Callable[[np.random.Generator], MeasuredMotion],
     perturbed: Sequence[tuple[SpacecraftModel, float]],
 ) -> Steps:
     """Widen the covariances by what noise once more moves, and add what errors of Exp. 1 do.
@@ -153,7 +153,7 @@ def _common_factor(own: Sequence[np.ndarray], moves: Sequence[Sequence[np.ndarra
 
 def _steps(
     model: SpacecraftModel,
-    motion: Motion,
+    motion: MeasuredMotion,
     mass: float,
     modal: Modal,
     like: HiddenStates,

@@ -10,7 +10,7 @@ from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum import StepA
 from smsid.identify.paper.momentum_printed import printed_parameters
 from smsid.identify.paper.momentum_regression import Regression
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.identify.paper.pose_point import PosePoint
 from smsid.identify.sensor_roles import Roles
 from smsid.model.regressor import Regressor
@@ -76,7 +76,7 @@ def of_step_b(model: SpacecraftModel, b: Regression) -> list[ParameterEstimate]:
 
 
 def of_printed(
-    model: SpacecraftModel, motion: Motion, hidden: HiddenStates, slosh_mass: float, b: Regression
+    model: SpacecraftModel, motion: MeasuredMotion, hidden: HiddenStates, slosh_mass: float, b: Regression
 ) -> list[ParameterEstimate]:
     """Return pi_m of Step B as printed; nominal values have the m_s of ``model`` in their products.
 

@@ -10,7 +10,7 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify.paper.modal_state import ModalState, integrate_accelerometers, smooth_modes
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.identify.paper.slosh_state import estimate_slosh
 from smsid.identify.robust import white_sigma
 from smsid.model.spacecraft import SpacecraftModel
@@ -43,7 +43,7 @@ class HiddenStates:
         return HiddenStates(slosh, modes, self.again.only(kept) if self.again else None)
 
 
-def hidden_states(model: SpacecraftModel, motion: Motion, modal: Modal = "smoother") -> HiddenStates:
+def hidden_states(model: SpacecraftModel, motion: MeasuredMotion, modal: Modal = "smoother") -> HiddenStates:
     """Return slosh and modal states from the measured motion and the parameters in the model.
 
     ``modal``: 'smoother' (`smooth_modes`; without accelerometers the modes follow the base's motion alone) or

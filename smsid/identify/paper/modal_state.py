@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from smsid._short_repr import short_repr
 from smsid.effects.assembly import AppendageJoints
 from smsid.errors import NotIdentifiableError
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 
 
 @short_repr
@@ -65,7 +65,7 @@ class _Panel:
             damping=np.array([m.damping for m in modes]),
         )
 
-    def drive(self, motion: Motion) -> np.ndarray:
+    def drive(self, motion: MeasuredMotion) -> np.ndarray:
         """L_t . a(root) + L_r . wd + L_t . (w x (w x x_k)): modal force of rigid motion, (N, modes)."""
         w = motion.rate
         force = motion.rigid_acceleration(self.root) @ self.translation.T
@@ -75,14 +75,14 @@ class _Panel:
             force[:, k] += np.cross(w, np.cross(w, x)) @ self.translation[k]
         return force
 
-    def excess(self, motion: Motion, measured: np.ndarray) -> np.ndarray:
+    def excess(self, motion: MeasuredMotion, measured: np.ndarray) -> np.ndarray:
         """Measured less rigid acceleration, (N, stations, 3)."""
         return np.stack(
             [measured[:, j] - motion.rigid_acceleration(r) for j, r in enumerate(self.stations)], axis=1
         )
 
 
-def integrate_accelerometers(motion: Motion, joints: AppendageJoints) -> ModalState:
+def integrate_accelerometers(motion: MeasuredMotion, joints: AppendageJoints) -> ModalState:
     """Return the modal state by (31)-(32) as printed: accelerometers solved for delta'' and integrated twice.
 
     Drifts with bias and noise, and errs by the step: (32) is the rectangle rule. Raises
@@ -112,7 +112,7 @@ def integrate_accelerometers(motion: Motion, joints: AppendageJoints) -> ModalSt
 
 
 def smooth_modes(
-    motion: Motion,
+    motion: MeasuredMotion,
     joints: AppendageJoints,
     *,
     accelerometer: float,

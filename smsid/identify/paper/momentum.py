@@ -16,7 +16,7 @@ from smsid.errors import NotIdentifiableError
 from smsid.identify.momentum_rows import ParameterSplit, carried_by_bus, first_moments, skew
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum_regression import BLOCK, Regression, regress
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -39,7 +39,7 @@ class StepA:
 
 
 def full_states(
-    model: SpacecraftModel, motion: Motion, hidden: HiddenStates
+    model: SpacecraftModel, motion: MeasuredMotion, hidden: HiddenStates
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return q (N, nq), v (N, nv) of the model with measured motion and estimated hidden states."""
     q, v = motion.states(model)
@@ -56,7 +56,7 @@ def full_states(
     return q, v
 
 
-def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: float) -> StepA:
+def step_a(model: SpacecraftModel, motion: MeasuredMotion, hidden: HiddenStates, mass: float) -> StepA:
     """Estimate the CM's position and the links' first moments from (34)-(37), total mass ``mass`` [kg] given.
 
     Without slosh in ``hidden`` this is (34) as printed, which neglects m_s rho' / M. Errors of a row are as
@@ -68,7 +68,7 @@ def step_a(model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: f
     parts = ParameterSplit.of(model, regressor, bus_first=False)
     start = float(motion.time[0])
 
-    def equations(part: Motion, states: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
+    def equations(part: MeasuredMotion, states: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
         return rows_a(model, regressor, parts, part, states, mass, start)
 
     labels = [f"{what}.{axis}" for what in ("v_cm", "r_cm") for axis in AXES]
@@ -80,7 +80,7 @@ def rows_a(
     model: SpacecraftModel,
     regressor: Regressor,
     parts: ParameterSplit,
-    motion: Motion,
+    motion: MeasuredMotion,
     hidden: HiddenStates,
     mass: float,
     start: float,
@@ -104,7 +104,7 @@ def rows_a(
 
 
 def step_b(
-    model: SpacecraftModel, motion: Motion, hidden: HiddenStates, mass: float, centre: np.ndarray
+    model: SpacecraftModel, motion: MeasuredMotion, hidden: HiddenStates, mass: float, centre: np.ndarray
 ) -> Regression:
     """Estimate the inertial parameters of bus and links from (38)-(39) with the slosh state put back in.
 
@@ -121,7 +121,7 @@ def step_b(
     parts = ParameterSplit.of(model, regressor, bus_first=True)
     _check_exchange(model, regressor, parts, motion, hidden)
 
-    def equations(part: Motion, states: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
+    def equations(part: MeasuredMotion, states: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
         return rows_b(model, regressor, parts, part, states, mass, centre)
 
     labels = [f"r_cm.{axis}" for axis in AXES]
@@ -130,14 +130,18 @@ def step_b(
     return replace(found, solution=replace(found.solution, x=found.solution.x + carried))
 
 
-def thinned(motion: Motion, hidden: HiddenStates) -> tuple[Motion, HiddenStates]:
+def thinned(motion: MeasuredMotion, hidden: HiddenStates) -> tuple[MeasuredMotion, HiddenStates]:
     """Return at most `BLOCK` samples, evenly spread over a motion: enough to see what moves in it."""
     every = slice(None, None, -(-len(motion) // BLOCK))
     return motion.only(every), hidden.only(every)
 
 
 def _check_exchange(
-    model: SpacecraftModel, regressor: Regressor, parts: ParameterSplit, motion: Motion, hidden: HiddenStates
+    model: SpacecraftModel,
+    regressor: Regressor,
+    parts: ParameterSplit,
+    motion: MeasuredMotion,
+    hidden: HiddenStates,
 ) -> None:
     """Raise `NotIdentifiableError` when what is known carries no angular momentum."""
     y = regressor.momentum(*full_states(model, *thinned(motion, hidden)))[:, 3:]
@@ -153,7 +157,7 @@ def rows_b(
     model: SpacecraftModel,
     regressor: Regressor,
     parts: ParameterSplit,
-    motion: Motion,
+    motion: MeasuredMotion,
     hidden: HiddenStates,
     mass: float,
     centre: np.ndarray,

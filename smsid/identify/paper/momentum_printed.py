@@ -21,7 +21,7 @@ from smsid.identify.momentum_rows import ParameterSplit, first_moments, skew
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum import full_states, thinned
 from smsid.identify.paper.momentum_regression import Regression, regress
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
@@ -29,7 +29,7 @@ from smsid.model.spacecraft import SpacecraftModel
 
 def step_b_printed(
     model: SpacecraftModel,
-    motion: Motion,
+    motion: MeasuredMotion,
     hidden: HiddenStates,
     mass: float,
     slosh_mass: float,
@@ -49,7 +49,7 @@ def step_b_printed(
         )
     terms = PrintedTerms.of(model, motion, hidden)
 
-    def equations(part: Motion, states: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
+    def equations(part: MeasuredMotion, states: HiddenStates) -> tuple[np.ndarray, np.ndarray]:
         return terms.rows(part, states, mass, slosh_mass, centre)
 
     found, _ = regress(replace(motion, again=None), hidden, equations, terms.names, terms.units)
@@ -57,7 +57,7 @@ def step_b_printed(
 
 
 def printed_parameters(
-    model: SpacecraftModel, motion: Motion, hidden: HiddenStates, slosh_mass: float
+    model: SpacecraftModel, motion: MeasuredMotion, hidden: HiddenStates, slosh_mass: float
 ) -> np.ndarray:
     """Return the description's values (k,) of the parameters behind `step_b_printed`, products included."""
     terms = PrintedTerms.of(model, motion, hidden)
@@ -82,7 +82,7 @@ class PrintedTerms:
     moments: BaseParameters
 
     @classmethod
-    def of(cls, model: SpacecraftModel, motion: Motion, hidden: HiddenStates) -> PrintedTerms:
+    def of(cls, model: SpacecraftModel, motion: MeasuredMotion, hidden: HiddenStates) -> PrintedTerms:
         """Return the terms that a motion tells apart."""
         regressor = Regressor(model)
         parts = ParameterSplit.of(model, regressor, bus_first=True)
@@ -105,7 +105,7 @@ class PrintedTerms:
         return self.parts.units + ("kg m^2",) * (len(self.names) - len(self.parts.names))
 
     def rows(
-        self, motion: Motion, hidden: HiddenStates, mass: float, slosh_mass: float, centre: np.ndarray
+        self, motion: MeasuredMotion, hidden: HiddenStates, mass: float, slosh_mass: float, centre: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y (N, 3, k) and b (N, 3) of pi_m, arguments as those of `step_b_printed`."""
         model, regressor, parts = self.model, self.regressor, self.parts

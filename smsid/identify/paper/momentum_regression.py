@@ -10,14 +10,14 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.identify.momentum_rows import CORRELATION_TIME
 from smsid.identify.paper.hidden_states import HiddenStates
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.identify.paper.square_root_information import RowSums, ScoreSums
 from smsid.identify.tls import TlsSolution
 from smsid.model.identifiable import BaseParameters, base_parameters
 
 BLOCK = 4096  # samples whose equations are held at a time
 
-Equations = Callable[[Motion, HiddenStates], tuple[np.ndarray, np.ndarray]]
+Equations = Callable[[MeasuredMotion, HiddenStates], tuple[np.ndarray, np.ndarray]]
 """Rows (N, kinds, n) and right-hand sides (N, kinds) of a motion's N samples."""
 
 
@@ -50,7 +50,7 @@ NOTHING = BaseParameters((), (), np.zeros(0, dtype=int), np.zeros((0, 0)), (), 1
 """The base parameters of a spacecraft without arms in Step A."""
 
 
-def blocks_of(motion: Motion, hidden: HiddenStates) -> list[tuple[Motion, HiddenStates]]:
+def blocks_of(motion: MeasuredMotion, hidden: HiddenStates) -> list[tuple[MeasuredMotion, HiddenStates]]:
     """Return a motion and its hidden states in blocks of `BLOCK` samples; views, nothing is copied."""
     if len(motion) <= BLOCK:
         return [(motion, hidden)]
@@ -59,7 +59,7 @@ def blocks_of(motion: Motion, hidden: HiddenStates) -> list[tuple[Motion, Hidden
 
 
 def regress(
-    motion: Motion,
+    motion: MeasuredMotion,
     hidden: HiddenStates,
     equations: Equations,
     names: Sequence[str],

@@ -25,7 +25,7 @@ Rates = dict[str, tuple[np.ndarray, np.ndarray, str]]
 
 @short_repr
 @dataclass(frozen=True)
-class Motion:
+class MeasuredMotion:
     """Measured motion on a common clock (N,), body vectors in bus axes.
 
     ``position`` of P (N, 3) inertial [m]; ``rotation`` (N, 3, 3) bus to inertial; ``velocity`` of P (N, 3)
@@ -49,7 +49,7 @@ class Motion:
     stations: dict[str, np.ndarray]
     pose_point: np.ndarray
     imu_point: np.ndarray
-    again: Motion | None = None
+    again: MeasuredMotion | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -59,26 +59,26 @@ class Motion:
         """Sampling time T_s [s]."""
         return float(self.time[1] - self.time[0])
 
-    def thinned(self, factor: int) -> Motion:
+    def thinned(self, factor: int) -> MeasuredMotion:
         """Return every ``factor``-th sample; what was low-passed for it loses nothing."""
         return self.only(slice(None, None, factor))
 
-    def only(self, kept: slice | np.ndarray) -> Motion:
+    def only(self, kept: slice | np.ndarray) -> MeasuredMotion:
         """Return some of the samples: a slice, or indices (k,)."""
         return self._made(lambda motion, name: _samples(motion, name)[kept])
 
-    def followed_by(self, other: Motion) -> Motion:
+    def followed_by(self, other: MeasuredMotion) -> MeasuredMotion:
         """Return this motion and then another of the same spacecraft."""
         pairs = {id(self): other} | ({id(self.again): other.again} if self.again else {})
 
-        def joined(motion: Motion, name: str) -> np.ndarray:
+        def joined(motion: MeasuredMotion, name: str) -> np.ndarray:
             after = pairs[id(motion)]
             assert after is not None
             return np.concatenate([_samples(motion, name), _samples(after, name)])
 
         return self._made(joined)
 
-    def _made(self, make: Callable[[Motion, str], np.ndarray]) -> Motion:
+    def _made(self, make: Callable[[MeasuredMotion, str], np.ndarray]) -> MeasuredMotion:
         changed = {f.name: make(self, f.name) for f in fields(self) if f.name not in NOT_SAMPLED}
         panels = {k: make(self, k) for k in self.panels}
         return replace(self, **changed, panels=panels, again=self.again._made(make) if self.again else None)
@@ -113,7 +113,7 @@ class Motion:
         return q, v
 
 
-def _samples(motion: Motion, name: str) -> np.ndarray:
+def _samples(motion: MeasuredMotion, name: str) -> np.ndarray:
     return motion.panels[name] if name in motion.panels else getattr(motion, name)
 
 
@@ -123,7 +123,7 @@ def prepare(
     *,
     cutoff: float | None = 2.0,
     rate: float | None = 20.0,
-) -> Motion:
+) -> MeasuredMotion:
     """Return the measured motion, low-passed without phase at ``cutoff`` [Hz], on one clock.
 
     The clock is the IMU's, thinned to ``rate`` [Hz]; channels on other clocks are interpolated after their
@@ -165,7 +165,7 @@ def prepare(
     slope = differentiate(
         recording[f"{roles.imu.name}.angular_rate"], fs, cutoff if cutoff is not None else 0.2 * fs
     )
-    return Motion(
+    return MeasuredMotion(
         time=times,
         position=get(roles.pose, "position"),
         rotation=rotation,

@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 
 from smsid._statistics import NORMAL95
 from smsid.identify.appendage_modes import PanelModes, panel_modes
-from smsid.identify.modes import Mode
+from smsid.identify.modes import IdentifiedMode
 from smsid.identify.robust import white_sigma
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -116,7 +116,9 @@ def mode_sigmas(
     )
 
 
-def _spread(modes: tuple[Mode, ...], again: list[tuple[Mode, ...]]) -> tuple[ModeSigma, ...]:
+def _spread(
+    modes: tuple[IdentifiedMode, ...], again: list[tuple[IdentifiedMode, ...]]
+) -> tuple[ModeSigma, ...]:
     if not again:
         return (ModeSigma(0.0, 0.0),) * len(modes)
     out = []

@@ -18,7 +18,7 @@ from smsid.identify.momentum_rows import carried_by_bus
 from smsid.identify.paper.hidden_states import Modal, hidden_states
 from smsid.identify.paper.momentum import StepA, step_a, step_b
 from smsid.identify.paper.momentum_regression import Regression
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -38,7 +38,7 @@ class PosePoint:
 
     position: np.ndarray
     sigma: np.ndarray
-    motion: Motion
+    motion: MeasuredMotion
     a: StepA
     b: Regression
     chosen: list[int]
@@ -52,7 +52,7 @@ class PosePoint:
 
 def refine_pose_point(
     model: SpacecraftModel,
-    motion: Motion,
+    motion: MeasuredMotion,
     mass: float,
     *,
     modal: Modal = "smoother",
@@ -111,7 +111,7 @@ def with_tracked_point(description: Description, position: tuple[float, float, f
     )
 
 
-def _moved(motion: Motion, shift: np.ndarray) -> Motion:
+def _moved(motion: MeasuredMotion, shift: np.ndarray) -> MeasuredMotion:
     return replace(
         motion,
         pose_point=motion.pose_point + shift,

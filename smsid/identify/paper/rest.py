@@ -25,7 +25,7 @@ SHARE = 0.01  # of the later motion: what a start may have without mattering
 
 
 @dataclass(frozen=True)
-class Start:
+class StartingValue:
     """What a rate is at the first sample: ``value`` and one ``sigma`` of it, from the first ``samples``."""
 
     value: float
@@ -33,7 +33,7 @@ class Start:
     samples: int
 
 
-def starting_value(time: np.ndarray, samples: np.ndarray) -> Start:
+def starting_value(time: np.ndarray, samples: np.ndarray) -> StartingValue:
     """Return the first value of a rate, extrapolated from as much of the beginning as a cubic describes.
 
     The window is the longest, up to a second, in which terms above the cubic are not significant and what is
@@ -59,7 +59,7 @@ def starting_value(time: np.ndarray, samples: np.ndarray) -> Start:
         count = max(int(SHORTER * count), FEWEST)
     spread = noise if described else float(np.sqrt(left / free))
     # with the terms that were tested: what is not significant may still be there
-    return Start(float(q[0] @ along), spread * float(np.linalg.norm(q[0])), count)
+    return StartingValue(float(q[0] @ along), spread * float(np.linalg.norm(q[0])), count)
 
 
 def check_at_rest(name: str, rates: Mapping[str, tuple[np.ndarray, np.ndarray, str]]) -> None:

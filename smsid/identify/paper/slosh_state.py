@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.paper.motion import Motion
+from smsid.identify.paper.motion import MeasuredMotion
 
 FASTEST = 0.5  # step times natural frequency, step times damping rate: twice that and the steps blow up
 
 
 def estimate_slosh(
-    motion: Motion,
+    motion: MeasuredMotion,
     position: np.ndarray,
     mass: float,
     stiffness: np.ndarray,

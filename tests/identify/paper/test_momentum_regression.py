@@ -11,7 +11,7 @@ from smsid.identify.paper import momentum_regression
 from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
 from smsid.identify.paper.momentum import step_a, step_b
 from smsid.identify.paper.momentum_printed import step_b_printed
-from smsid.identify.paper.motion import Motion, prepare
+from smsid.identify.paper.motion import MeasuredMotion, prepare
 from smsid.identify.paper.noise_replicates import add_noise_replicate
 from smsid.identify.paper.square_root_information import RowSums, ScoreSums
 from smsid.identify.robust import hac_covariance, inverse_root
@@ -26,18 +26,18 @@ def recorded(model: SpacecraftModel, twin_flight: Recording) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def whole(model: SpacecraftModel, recorded: Recording) -> Motion:
+def whole(model: SpacecraftModel, recorded: Recording) -> MeasuredMotion:
     noisier = add_noise_replicate(recorded, model.description.sensor, np.random.default_rng(0))
     return replace(prepare(model, recorded), again=prepare(model, noisier))
 
 
 @pytest.fixture(scope="module")
-def hidden(model: SpacecraftModel, whole: Motion) -> HiddenStates:
+def hidden(model: SpacecraftModel, whole: MeasuredMotion) -> HiddenStates:
     return hidden_states(model, whole)
 
 
 def test_steps_a_and_b_block_by_block(
-    model: SpacecraftModel, whole: Motion, hidden: HiddenStates, monkeypatch: pytest.MonkeyPatch
+    model: SpacecraftModel, whole: MeasuredMotion, hidden: HiddenStates, monkeypatch: pytest.MonkeyPatch
 ):
     """Blocks of 150 samples, the last shorter than errors are correlated over."""
     mass, without = model.mass, hidden.without_slosh()
@@ -61,7 +61,7 @@ def test_steps_a_and_b_block_by_block(
         np.testing.assert_allclose(found.shares, expected.shares, rtol=1e-8, atol=1e-11)
 
 
-def test_a_drifting_centre_of_mass(model: SpacecraftModel, whole: Motion, hidden: HiddenStates):
+def test_a_drifting_centre_of_mass(model: SpacecraftModel, whole: MeasuredMotion, hidden: HiddenStates):
     """Seen from a frame that drifts, momentum's conservation is the same: Step A finds drift and start."""
     drift = np.array([0.02, -0.05, 0.03])
     seen = replace(whole, again=None)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from smsid.errors import NotIdentifiableError
-from smsid.identify.paper.motion import Motion, prepare
+from smsid.identify.paper.motion import MeasuredMotion, prepare
 from smsid.identify.paper.slosh_state import estimate_slosh
 
 from ..support import TANK, noisy, oracle, paper, reference
@@ -17,7 +17,7 @@ CENTRE = np.array([0.03, -0.04, 0.05])
 
 
 def errors(
-    motion: Motion, recording, mass=TANK[0], stiffness=TANK[1], damping=TANK[2]
+    motion: MeasuredMotion, recording, mass=TANK[0], stiffness=TANK[1], damping=TANK[2]
 ) -> tuple[float, float]:
     """Largest error of rho and rho' relative to their largest values."""
     found = estimate_slosh(motion, CENTRE, mass, np.full(3, stiffness), np.full(3, damping))
