@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, logit, logsumexp
-from scipy.stats import laplace, norm
+from scipy.stats import binom, laplace, norm
 
 from smsid.diagnose.sensor_faults import Fault
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -32,25 +32,29 @@ def outliers(data: Measurements, run: FilterRun) -> list[Fault]:
     calm before and after and in all other channels: the first and the last reading are none. Where there are
     more, smaller ones are among them, see `outlier_share`.
     """
+    return _found(data, run.normalised, run.used)
+
+
+def _found(data: Measurements, normalised: np.ndarray, used: np.ndarray) -> list[Fault]:
     found = []
-    size = np.abs(run.normalised)
-    before, after = _neighbour_readings(size, run.used)
+    size = np.abs(normalised)
+    before, after = _neighbour_readings(size, used)
     many = (size > OUTLIER) & ((before < CALM) | (after < CALM))
     few = (size > ALONE) & (before < CALM) & (after < CALM)
     for block in data.blocks:
         others = np.delete(size, np.arange(block.rows.start, block.rows.stop), axis=1)
         calm = others.max(axis=1, initial=0.0) < ELSEWHERE
         for row, name in zip(range(block.rows.start, block.rows.stop), block.names, strict=True):
-            hits = many[:, row]
+            hits, there = many[:, row], used[:, row]
             if hits.sum() < FEW:
                 hits = few[:, row] & calm & (block.quantity != "acceleration")
             # a channel that is off throughout has no outliers
-            if not hits.any() or float(np.median(size[run.used[:, row], row])) > 1.2:
+            if not hits.any() or float(np.median(size[there, row])) > 1.2:
                 continue
             marked = np.zeros(size.shape, dtype=bool)
             marked[:, row] = hits
-            share, sigma, among = outlier_share(run.normalised[run.used[:, row], row], int(hits.sum()))
-            marked[np.flatnonzero(run.used[:, row])[among], row] = True
+            share, sigma, among = outlier_share(normalised[there, row], int(hits.sum()))
+            marked[np.flatnonzero(there)[among], row] = True
             found.append(Fault("outliers", block.channel, name, share, sigma, marked))
     return found
 
@@ -61,28 +65,39 @@ def recount_outliers(
     """Return the faults with their shares as a fit without them sees them, less those it shows to be none.
 
     Readings (N, rows) of ``whole`` are compared with the predictions of ``run`` on a ``problem``, which they
-    no longer pull along: what was far off may have been a motion that is followed now. Attitudes and single
-    ones stay as they are.
+    no longer pull along, and asked again: what was far off may have been a motion that is followed now.
+    Nor are those outliers that follow each other more often than by chance, as where teeth cross a gap: of
+    these, one has nothing to do with the next. Attitudes stay as they are.
     """
-    found, data = [], replace(problem.data, values=whole.values)
+    data = replace(problem.data, values=whole.values)
     left = np.array([data.residual(k, run.predicted[k], None) for k in range(len(data.times))])
+    normalised, used = np.where(run.used, run.normalised, 0.0), run.used.copy()
     for fault in faults:
         row = data.names.index(fault.component)
-        used = run.used[:, row]
-        out = np.isfinite(data.values[:, row]) & ~used & fault.samples[:, row]
-        attitude = any(b.channel == fault.channel and b.quantity == "attitude" for b in data.blocks)
-        if not attitude and np.count_nonzero(out) >= FEW:
-            sizes = run.errors[used, row] / np.where(
-                run.normalised[used, row], run.normalised[used, row], np.inf
-            )
-            beyond = left[out, row] / float(np.median(sizes[sizes > 0.0]))
-            hits = int((np.abs(beyond) > OUTLIER).sum())
-            if not hits:
-                continue
-            share, sigma, _ = outlier_share(np.concatenate([run.normalised[used, row], beyond]), hits)
-            fault = replace(fault, value=share, sigma=sigma)
-        found.append(fault)
-    return found
+        read = run.used[:, row] & (run.normalised[:, row] != 0.0)
+        if not read.any():
+            continue
+        sigma = float(np.median(run.errors[read, row] / run.normalised[read, row]))
+        out = np.isfinite(data.values[:, row]) & ~run.used[:, row] & fault.samples[:, row]
+        normalised[out, row], used[out, row] = left[out, row] / sigma, True
+    attitudes = {b.channel for b in data.blocks if b.quantity == "attitude"}
+    again = {f.component: f for f in _found(data, normalised, used)}
+    size = np.abs(normalised)
+    before, _ = _neighbour_readings(size, used)
+    for row, name in enumerate(data.names):
+        if name in again and _in_a_row(size[used[:, row], row], before[used[:, row], row]):
+            del again[name]
+    known = [(f, f if f.channel in attitudes else again.get(f.component)) for f in faults]
+    return [replace(f, value=now.value, sigma=now.sigma) for f, now in known if now is not None]
+
+
+def _in_a_row(size: np.ndarray, before: np.ndarray) -> bool:
+    """Whether readings far off follow one that is off more often than chance has it; ``size`` and that of the
+    reading before (n,).
+    """
+    hits = size > OUTLIER
+    alone = int((hits & (before < CALM)).sum())
+    return float(binom.cdf(alone, int(hits.sum()), np.mean(size < CALM))) < THRESHOLDS.beyond
 
 
 def _neighbour_readings(size: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -144,6 +144,54 @@ def test_what_a_fit_without_them_follows_is_no_outlier(data):
     assert not recount_outliers([fault], data, SimpleNamespace(data=data.without(marked)), run)
 
 
+def test_one_that_is_left_of_several_has_to_stand_alone(data):
+    """Another encoder was off at the same sample: friction that turned over, and no outlier."""
+    rng = np.random.default_rng(13)
+    row, other = (data.names.index(f"encoder.joint_{x}]") for x in ("velocity[joint2", "position[joint3"))
+    predicted, normalised = rng.standard_normal((2, *data.values.shape))
+    normalised[:, row] = rng.uniform(-2.0, 2.0, len(normalised))
+    data.values[:] = predicted + normalised * data.sigma
+    data.values[300, row] += 12.0 * data.sigma[row]
+    marked = np.zeros(data.values.shape, dtype=bool)
+    marked[[100, 200, 300, 400], row] = True
+    fault = Fault("outliers", "encoder.joint_velocity", data.names[row], 0.003, 0.001, marked)
+    problem = SimpleNamespace(data=data.without(marked))
+    for off, kept in ((0.0, 1), (-9.0, 0)):
+        normalised[300, other] = off
+        run = SimpleNamespace(
+            normalised=normalised, errors=normalised * data.sigma, predicted=predicted, used=~marked
+        )
+        assert len(recount_outliers([fault], data, problem, run)) == kept
+
+
+def test_readings_far_off_in_a_row_are_of_the_motion(data):
+    """Where teeth cross a gap, each crossing is off for some samples. Outliers know nothing of each other, be
+    one in ten of the readings such.
+    """
+    row, n = data.names.index("encoder.joint_position[joint2]"), len(data.times)
+    lost = []
+    for seed in range(20):
+        rng = np.random.default_rng([seed, 3])
+
+        def kept(hits, rng=rng):
+            predicted, normalised = rng.standard_normal((2, *data.values.shape))
+            data.values[:] = predicted + normalised * data.sigma
+            data.values[hits, row] += 15.0 * data.sigma[row] * rng.choice([-1.0, 1.0], len(hits))
+            marked = np.zeros(data.values.shape, dtype=bool)
+            marked[hits, row] = True
+            fault = Fault("outliers", "encoder.joint_position", data.names[row], 0.1, 0.01, marked)
+            problem = SimpleNamespace(data=data.without(marked))
+            run = SimpleNamespace(
+                normalised=normalised, errors=normalised * data.sigma, predicted=predicted, used=~marked
+            )
+            return recount_outliers([fault], data, problem, run)
+
+        lost.append(not kept(np.flatnonzero(rng.uniform(size=n) < (0.01 if seed % 2 else 0.1))))
+        crossed = rng.choice(np.arange(1, n - 3, 3), 12, replace=False)
+        assert not kept(np.concatenate([crossed, crossed + 1]))
+    assert sum(lost) <= 1
+
+
 def test_noise_with_heavy_tails_has_few_outliers_at_most():
     rng = np.random.default_rng(12)
     for _ in range(30):
