@@ -179,9 +179,13 @@ def _initial_state(
                 break
             elsewhere = [c for c in candidates if not (place and is_at(c.location, place))]
             coarse = coarse_cause(point, seen, unknowns, elsewhere)
-            if coarse is not None:
+            if coarse is None:
+                continue
+            try:
                 begun = with_levels(InflatedFit(coarse.fit, np.ones(problem.data.rows), unknown=place))
                 return State(begun, candidates, levels, known=coarse.causes, nominal=coarse.nominal)
+            except (SmsidError, np.linalg.LinAlgError) as error:
+                LOGGER.info("not beside %s: %s", [c.score.candidate.key for c in coarse.causes], error)
     if fitted is None:
         assert lost is not None
         raise lost

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -37,6 +38,7 @@ LOGGER = logging.getLogger(__name__)
 SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion
 COMPARISON_RATE = 5.0  # [Hz] at which strong causes are compared at first
 SUBSTEP = 0.05  # [s] of the integration there
+OUTSIDE = "external"  # family of forces from outside
 TRIED = 3  # candidates that are fitted
 LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
 
@@ -63,7 +65,8 @@ def coarse_cause(
     """
     coarse = replace(thinned(problem, COMPARISON_RATE), substep=SUBSTEP)
     best: dict[tuple[str, str, str], tuple[float, Candidate, Point]] = {}
-    for candidate, start in _starts(point, candidates, [p.label for p in problem.parts]):
+    starts = _starts(point, candidates, [p.label for p in problem.parts])
+    for candidate, start in chain(starts, _linear_starts(point, coarse, unknowns, candidates)):
         likely = _likelihood(start, coarse)
         if candidate.key not in best or likely > best[candidate.key][0]:
             best[candidate.key] = likely, candidate, start
@@ -121,6 +124,31 @@ def _starts(
                 for recording in ("", *recordings):
                     own = replace(candidate, recording=recording)
                     yield own, point.with_effect(strong, recording)
+
+
+def _linear_starts(
+    point: Point, problem: Problem, unknowns: Sequence[Unknown], candidates: Sequence[Candidate]
+) -> Iterator[tuple[Candidate, Point]]:
+    """Yield forces from outside with points at which they are as large as they are to first order.
+
+    Nobody can state how strong a strong one is, but it acts on a motion with its size, and a model that may
+    err is linear about nearly the motion that was measured.
+    """
+    outside = [c for c in candidates if c.family == OUTSIDE and c.effect is not None]
+    try:
+        loose = evaluate(point, unknowns, loosen_model(point.model(), at_point(point, problem), SHARES[0]))
+        known = signatures(loose, outside)
+        scores = scored(loose, [outside[i] for i in known], list(known.values()))
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("nothing is known to first order: %s", error)
+        return
+    for s in scores:
+        c = s.candidate
+        try:
+            size = s.estimate * np.array(c.steps)
+            yield c, point.with_effect(c.instance(point), c.recording).moved(c.unknowns(()), size)
+        except SmsidError as error:
+            LOGGER.info("%s is not as large as to first order: %s", c.key, error)
 
 
 def _likelihood(point: Point, problem: Problem) -> float:
