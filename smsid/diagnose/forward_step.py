@@ -50,7 +50,7 @@ class State:
 
     ``nominal`` is the fit without causes, ``normalised_rmse`` the rms of its prediction errors over
     the stated noise; ``held`` are the tests for memory that end a search, where the next cause would stand
-    in for a piece of it. ``proven`` are keys of causes found while a structure was taken as unknown.
+    in for a piece of it.
     """
 
     def __init__(
@@ -69,7 +69,8 @@ class State:
         self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
         self.causes: list[Cause] = list(known)
         self.held: tuple[SpecificationTest, ...] = ()
-        self.proven: frozenset[tuple[str, str, str]] = frozenset()
+        # keys of causes found while a structure was taken as unknown
+        self._found_elsewhere: frozenset[tuple[str, str, str]] = frozenset()
         self._nominal()
         if nominal is not None:
             self.nominal = nominal
@@ -158,8 +159,9 @@ class State:
     def prune(self) -> bool:
         """Drop the causes that the others have made needless; return whether any was."""
         self.causes, found = eliminate_backward(
-            self.causes, self.current, self.nominal, self.levels, len(self.candidates), self.proven
-        )
+            self.causes, self.current, self.nominal,
+            self.levels.beside_a_cause, len(self.candidates), self._proven,
+        )  # fmt: skip
         return self.take(found)
 
     def restore(self, problem: Problem) -> bool:
@@ -167,7 +169,7 @@ class State:
 
         ``problem`` is the whole one, as the search began.
         """
-        self.proven = frozenset(c.score.candidate.key for c in self.causes) - self._settled
+        self._found_elsewhere = frozenset(c.score.candidate.key for c in self.causes) - self._settled
         whole = replace(self.current.problem, data=problem.data, noise=problem.noise)
         back = InflatedFit(
             fit(self.current.point, self.current.unknowns, whole, iterations=2), np.ones(whole.data.rows)
@@ -207,6 +209,11 @@ class State:
         return False
 
     @property
+    def _proven(self) -> frozenset[tuple[str, str, str]]:
+        """Keys of causes that were found where misfit did not hide them, and that it would hide now."""
+        return self._found_elsewhere if self.fitted.misfit else frozenset()
+
+    @property
     def _settled(self) -> frozenset[tuple[str, str, str]]:
         """Keys of causes that are not judged again: where their place is unknown, or was when they were, or
         the shape of their law is left open, which was judged with all others of its place.
@@ -214,7 +221,7 @@ class State:
         causes, place = [c.score.candidate for c in self.causes], self.fitted.unknown
         judged = frozenset(c.key for c in causes if c.location in open_joints(self.current))
         return judged | (
-            frozenset(c.key for c in causes if is_at(c.location, place)) if place else self.proven
+            frozenset(c.key for c in causes if is_at(c.location, place)) if place else self._proven
         )
 
     @property
@@ -281,9 +288,9 @@ class State:
         within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
-        moving = self._in_motion(cause, found) if self.fitted.misfit else found
-        strong = cause.ratio > levels.linear or moving is not found
-        found = moving
+        whole = self._with_what_it_lacks(cause, found) if self.fitted.misfit else found
+        strong = cause.ratio > levels.linear or whole is not found
+        found = whole
         counted, before = self.fitted.misfit, self.current.run
         self._move(found, strong=strong)
         self._out.update(c.score.candidate.key for c in within)
@@ -295,18 +302,23 @@ class State:
         else:
             self._score_again(before)
 
-    def _in_motion(self, cause: Cause, found: MapFit) -> MapFit:
-        """Return a fit with a cause in motion, if that explains what is counted as misfit."""
+    def _with_what_it_lacks(self, cause: Cause, found: MapFit) -> MapFit:
+        """Return a fit with a cause in motion or its further parameters free, if that explains what counts
+        as misfit: beside that, they would not pay.
+        """
         candidate = cause.score.candidate
-        if candidate.effect is None or not candidate.instance(found.point).with_dynamics():
+        if candidate.effect is None:
             return found
-        stated = replace(self.fitted, fit=found).stated
-        rest = evaluate(found.point, found.unknowns, stated)
-        moving = with_dynamics(rest, candidate)
-        if moving is rest or normalised_rmse(moving.run) > THRESHOLDS.misfit:
+        rest = evaluate(found.point, found.unknowns, replace(self.fitted, fit=found).stated)
+        least, more = THRESHOLDS.misfit, rest
+        if candidate.instance(found.point).with_dynamics():
+            more = with_dynamics(rest, candidate)
+        if more is rest:  # not to bend to what is left elsewhere
+            least, more = THRESHOLDS.followed, with_further(rest, [cause]) or rest
+        if more is rest or normalised_rmse(more.run) > least:
             return found
-        problem = replace(found.problem, substep=moving.problem.substep)  # the noise is found again from here
-        return evaluate(moving.point, moving.unknowns, problem)
+        problem = replace(found.problem, substep=more.problem.substep)  # the noise is found again from here
+        return evaluate(more.point, more.unknowns, problem)
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)

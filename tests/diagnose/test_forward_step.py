@@ -29,6 +29,8 @@ class Whole:
 
     data: SimpleNamespace
     noise: str
+    coloured: bool = False
+    substep: float = 0.1
 
 
 def score_of(candidate):
@@ -239,6 +241,41 @@ def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world,
     state.close()
     assert not state.prune()
     assert kept == [{FOUND}, {FOUND}]
+    # where all is followed with it back, nothing hides them: a gyro's bias of 0.7 +- 0.3 urad/s stayed
+    state.fitted = replace(state.fitted, misfit=False)
+    state.close()
+    assert not state.prune()
+    assert kept[2:] == [set(), set()]
+
+
+@pytest.mark.parametrize(("left", "freed"), [(1.1, True), (3.0, False)])
+def test_further_parameters_that_misfit_hides_are_freed_where_all_is_followed_then(
+    world, monkeypatch, left, freed
+):
+    """The torque that takes a rotor across its gap: beside 16 times the noise, it did not pay."""
+    state, asked = world
+    lost, noise = asked.at("with the gap"), SimpleNamespace(scaled=lambda factor: "stated")
+    lost.unknowns, lost.problem = (), Whole(noise, "raised")
+
+    def evaluated(point, unknowns, problem):
+        found = asked.at("stated" if problem.data == "stated" else "raised again")
+        found.point, found.unknowns, found.problem = point, unknowns, problem
+        return found
+
+    def further(found, causes):
+        larger = evaluated("turned", "more", found.problem)
+        larger.run = "freed"
+        return larger
+
+    monkeypatch.setattr(rounds, "evaluate", evaluated)
+    monkeypatch.setattr(rounds, "with_further", further)
+    monkeypatch.setattr(rounds, "normalised_rmse", lambda run: left)
+    effect = SimpleNamespace(with_dynamics=lambda: ())
+    backlash = SimpleNamespace(effect=effect, instance=lambda point: effect)
+    found = state._with_what_it_lacks(SimpleNamespace(score=SimpleNamespace(candidate=backlash)), lost)
+    assert (found is not lost) == freed
+    if freed:
+        assert (found.point, found.unknowns, found.problem.data) == ("turned", "more", noise)
 
 
 @pytest.mark.parametrize(("finer", "judged"), [(True, [True]), (False, [])])
