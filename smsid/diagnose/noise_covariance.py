@@ -260,11 +260,21 @@ def fit_to_stated_noise(point: Point, unknowns: Sequence[Unknown], problem: Prob
 
 def _with_noise(found: InflatedFit) -> InflatedFit:
     for _ in range(2):
-        factor = noise_factors(found.fit.problem.data, found.fit.run)
+        factor = noise_factors(found.fit.problem.data, _told_by_noise(found.fit.problem, found.fit.run))
         if np.abs(factor - 1.0).max() < 0.03:
             break
         found = _scaled(found, factor)
     return found
+
+
+def _told_by_noise(problem: Problem, run: FilterRun) -> FilterRun:
+    """Return the run with the readings alone whose errors are mostly their sensor's noise, where the shape of
+    a law is left open: with that, others err by less than they are taken to.
+    """
+    if not problem.noise.shapes:
+        return run
+    mostly = run.errors**2 <= 2.0 * (problem.data.sigma * run.normalised) ** 2
+    return replace(run, used=run.used & mostly)
 
 
 def with_misfit(found: InflatedFit) -> InflatedFit:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -34,6 +34,7 @@ from smsid.diagnose.specification_tests import (
     is_at,
     unknown_input_tests,
 )
+from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import RecordingError, SmsidError
@@ -183,9 +184,11 @@ def _initial_state(
                 continue
             try:
                 begun = with_levels(InflatedFit(coarse.fit, np.ones(problem.data.rows), unknown=place))
+                if not begun.misfit:
+                    begun = replace(begun, fit=refine_steps(begun.fit))
                 return State(begun, candidates, levels, known=coarse.causes, nominal=coarse.nominal)
             except (SmsidError, np.linalg.LinAlgError) as error:
-                LOGGER.info("not beside %s: %s", [c.score.candidate.key for c in coarse.causes], error)
+                LOGGER.info("the search does not go on from a strong cause: %s", error)
     if fitted is None:
         assert lost is not None
         raise lost

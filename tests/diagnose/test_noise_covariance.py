@@ -12,6 +12,7 @@ from smsid.diagnose.forward_step import State
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import (
     InflatedFit,
+    _told_by_noise,
     but_for_a_structure,
     first_fit,
     misfit_factors,
@@ -57,6 +58,22 @@ def test_what_varies_slowly_and_what_is_far_off_is_no_noise():
     with_error = rng.standard_normal(N)
     with_error[::100] += 50.0
     assert noise_factors(*channels(drifting, with_error)) == pytest.approx([1.0, 1.0], rel=0.1)
+
+
+def test_where_a_law_is_open_only_errors_of_the_sensors_tell_their_noise(known, problem):
+    """The encoders of other joints erred by less than the open friction let them: noise of 0.7 was told, and
+    the joint that it does not touch did not fit.
+    """
+    run = evaluate(known.point, known.unknowns[:1], problem).run
+    rng, sigma = np.random.default_rng(4), problem.data.sigma
+    errors = 1.2 * sigma * rng.standard_normal(run.errors.shape)
+    spread = np.broadcast_to(sigma, errors.shape).copy()
+    block = next(b for b in problem.data.blocks if b.channel == "encoder.joint_velocity")
+    spread[:, block.rows.start + 1 : block.rows.stop] *= 5.0  # by the open law, which hardly errs
+    run = replace(run, errors=errors, normalised=errors / spread, used=np.ones(errors.shape, dtype=bool))
+    opened = replace(problem, noise=replace(problem.noise, shapes=((7, 1.0),)))
+    factors = [noise_factors(problem.data, _told_by_noise(p, run))[block.rows] for p in (problem, opened)]
+    assert factors[0] == pytest.approx(0.72, rel=0.1) and factors[1] == pytest.approx(1.2, rel=0.1)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.8, 0.95])
