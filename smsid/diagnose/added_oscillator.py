@@ -42,6 +42,7 @@ COARSE = 0.05  # damping ratio of the first grid: one such mass answers a tenth 
 FINE = (np.geomspace(0.78, 1.28, 11), (0.08, 0.4, 1.4))
 FINER = (np.geomspace(0.95, 1.053, 11), (0.4, 1.0, 2.0))
 FINEST = (np.geomspace(0.985, 1.015, 7), (0.6, 0.8, 1.0, 1.25, 1.6))
+BUS = np.arange(6)  # its degrees of freedom
 STEP = 1e-2  # [kg] and [m]
 LEAST = 1e-9  # [kg] a tank that does nothing: a slosh mass cannot be zero
 
@@ -83,19 +84,18 @@ def unit_response(
     """Return what ``forces`` of unit masses at a ``place`` (3,) add to the motion: those of
     `reaction_forces`, (N, f, axes, 1 + k) at the samples and (N - 1, ...) between.
     """
-    run, out = changes.run, []
+    out = []
     for a, axis in enumerate(springs.axes):
         straight = np.concatenate([axis, np.cross(place, axis)])
         turning = [np.concatenate([np.zeros(3), np.cross(move, axis)]) for move in springs.moves]
         parts = []
-        for force, inverse in zip(forces, (run.inverse, run.middle_inverse), strict=True):
-            straightly, *turned = (inverse[:, :, :6] @ x for x in (straight, *turning))
-            own = force[:, :, a].transpose(1, 2, 0)[:, :, :, None] * straightly  # (f, 1 + k, N, nv)
-            for j, more in enumerate(turned, start=1):
+        for force in forces:
+            own = force[:, :, a].transpose(1, 2, 0)[:, :, :, None] * straight  # (f, 1 + k, N, 6)
+            for j, more in enumerate(turning, start=1):
                 own[:, j] += force[:, :, a, 0].T[:, :, None] * more
-            parts.append(own.reshape(-1, *straightly.shape))
+            parts.append(own.reshape(-1, len(force), 6))
         at, middle = parts
-        out += [Sensitivity(*both) for both in zip(middle, at, strict=True)]
+        out += [Sensitivity(*both, dofs=BUS) for both in zip(middle, at, strict=True)]
     return out
 
 
@@ -363,4 +363,4 @@ def _choose(found: MapFit, changes: list[Sensitivity], axes: int, choices: int) 
 def _sum(changes: Sequence[Sensitivity], factor: float) -> Sensitivity:
     middle = sum(c.middle for c in changes if c.middle is not None)
     at = sum(c.at for c in changes if c.at is not None)
-    return Sensitivity(factor * middle, factor * at)  # type: ignore[arg-type]
+    return Sensitivity(factor * middle, factor * at, dofs=changes[0].dofs)  # type: ignore[arg-type]

@@ -95,17 +95,8 @@ def _over(starts: Starts, knots: Sequence[float], scales: np.ndarray) -> Began:
 
 def cut_sensitivity(change: Sensitivity, run: FilterRun, begin: float, end: float = np.inf) -> Sensitivity:
     """Return a change as it is from one time on and before another, and nothing else."""
-
-    def within(values: np.ndarray | None, times: np.ndarray) -> np.ndarray | None:
-        return None if values is None else values * ((times >= begin) & (times < end))[:, None]
-
-    at = run.states.time
-    return Sensitivity(
-        within(change.middle, run.middle.time),
-        within(change.at, at),
-        within(change.reading, at),
-        within(change.ahead, run.middle.time),
-    )
+    between, at = (run.middle.time[:, None], run.states.time[:, None])
+    return change.weighted(*((t >= begin) & (t < end) for t in (between, at)))
 
 
 class Starts:

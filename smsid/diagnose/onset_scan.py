@@ -82,12 +82,17 @@ def _inputs(run: FilterRun, changes: Sequence[Sensitivity]) -> tuple[np.ndarray,
     direct, pushed = np.zeros((n, rows, len(changes))), np.zeros((n - 1, nv, len(changes)))
     for i, change in enumerate(changes):
         if change.at is not None:
-            direct[:, :, i] = np.matmul(run.by_a, change.at[:, :, None])[:, :, 0]
+            direct[:, :, i] = _times(run.by_a, _times(run.inverse[:, :, change.dofs], change.at))
         if change.reading is not None:
-            direct[:, :, i] += change.reading
+            direct[:, change.rows, i] += change.reading
         if change.middle is not None:
-            pushed[:, :, i] = change.middle
+            pushed[:, :, i] = _times(run.middle_inverse[:, :, change.dofs], change.middle)
     return direct, pushed
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return products (N, i) of matrices (N, i, j) with vectors (N, j)."""
+    return np.matmul(matrices, vectors[:, :, None])[:, :, 0]
 
 
 def _squares(

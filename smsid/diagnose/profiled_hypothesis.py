@@ -205,13 +205,8 @@ class LeakHypothesis(Candidate):
     def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by the body's inertial parameters, less at the rate of one step."""
         middle, at = changes.run.middle.time[:, None], changes.run.states.time[:, None]
-        found = []
-        for change in changes.inertial(range(10 * self.body, 10 * self.body + 10)):
-            assert change.middle is not None and change.at is not None
-            found.append(
-                Sensitivity(-self.steps[0] * change.middle * middle, -self.steps[0] * change.at * at)
-            )
-        return found
+        body = changes.inertial(range(10 * self.body, 10 * self.body + 10))
+        return [change.weighted(-self.steps[0] * middle, -self.steps[0] * at) for change in body]
 
     def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score at the origin, or where the likelihood is largest: of these two, the likelier."""
@@ -366,7 +361,7 @@ class GravityGradientHypothesis(Candidate):
             return self.steps[0] * bodies.tide(states.q, FIELDS)
 
         middle, at = along(changes.run.middle), along(changes.run.states)
-        return [changes.force(middle[:, k], at[:, k]) for k in range(len(FIELDS))]
+        return [Sensitivity(middle[:, k], at[:, k]) for k in range(len(FIELDS))]
 
     def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score of the vertical that explains most, and where the motion tells, of its turning."""

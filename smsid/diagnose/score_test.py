@@ -119,7 +119,7 @@ class Candidate:
                 parts.append([-step * own[n] for n, step in zip(self.free, self.steps, strict=True)])
         except (DescriptionError, KeyError):
             return []
-        return [changes.force(middle, at) for middle, at in zip(*parts, strict=True)]
+        return [Sensitivity.of(forces) for forces in zip(*parts, strict=True)]
 
     def apart(self, names: Collection[str]) -> Candidate:
         """Return it with an effect of its own where one of its name is known, as an effect has one start."""

@@ -203,20 +203,6 @@ def _times(times: np.ndarray, terms: int = TIME_TERMS) -> list[np.ndarray]:
     return [np.cos(np.pi * k * x) for k in range(terms)]
 
 
-def force_on(found: MapFit, dof: int, of: list[np.ndarray], of_mid: list[np.ndarray]) -> list[Sensitivity]:
-    """Return the changes by forces on one degree of freedom.
-
-    They are given at the samples, ``of`` (N,) each, and between them, ``of_mid`` (N - 1,).
-    """
-    changes = []
-    run = found.run
-    for at, middle in zip(of, of_mid, strict=True):
-        changes.append(
-            Sensitivity(run.middle_inverse[:, :, dof] * middle[:, None], run.inverse[:, :, dof] * at[:, None])
-        )
-    return changes
-
-
 def _dependences(found: MapFit, equation: Equation) -> list[tuple[str, list[Sensitivity]]]:
     """Return what an equation is tested for, with the changes by forces in it."""
     turns = set(equation.q) & set(found.changes.model.arm_joints.q)
@@ -249,7 +235,8 @@ def _dependences(found: MapFit, equation: Equation) -> list[tuple[str, list[Sens
     for kq, kv in zip(equation.q or (-1,), equation.v, strict=True):
         at, middle = (terms(s, kq, kv) for s in (found.run.states, found.run.middle))
         for key in at:
-            out.setdefault(key, []).extend(force_on(found, kv, at[key], middle[key]))
+            forces = zip(middle[key], at[key], strict=True)
+            out.setdefault(key, []).extend(Sensitivity.on(kv, *both) for both in forces)
     return list(out.items())
 
 
@@ -257,12 +244,9 @@ def _channels(found: MapFit) -> list[tuple[str, str, list[Sensitivity]]]:
     changes: Sensitivities = found.changes
     run, data, out = found.run, found.problem.data, []
     values, rates = changes.readings(), changes.rates()
-    n = len(run.states.time)
 
     def reading(row: int, x: np.ndarray) -> Sensitivity:
-        column = np.zeros((n, data.rows))
-        column[:, row] = x
-        return Sensitivity(reading=column)
+        return Sensitivity(reading=x[:, None], rows=np.array([row]))
 
     basis = _times(run.states.time)
     for block in data.blocks:
@@ -302,7 +286,9 @@ def memory(found: MapFit, locations: Iterable[str]) -> list[SpecificationTest]:
             tests.append((name, [a for a, _ in laws], [m for _, m in laws], int(kv)))
     if not tests:
         return []
-    changes = [c for _, at, middle, kv in tests for c in force_on(found, kv, at, middle)]
+    changes = [
+        Sensitivity.on(kv, *both) for _, at, middle, kv in tests for both in zip(middle, at, strict=True)
+    ]
     whitened = propagate(run, changes).reshape(-1, len(changes))
     left = found.left(whitened)
     raw = np.einsum("ij,ij->j", whitened, whitened)

@@ -101,10 +101,9 @@ class HigherMode(ProfiledHypothesis):
         forces = unit_response(changes, self.springs, place, (at, middle))
         found = []
         for f, force in enumerate(forces):
-            assert force.middle is not None and force.at is not None
             reading = self._reading(changes, -at[:, f, 0, 0])
             step = STEPS[0]
-            found.append(Sensitivity(step * mass * force.middle, step * mass * force.at, step * reading))
+            found.append(replace(force.times(step * mass), reading=step * reading))
         return found
 
     def _reading(self, changes: Sensitivities, acceleration: np.ndarray) -> np.ndarray:

@@ -200,8 +200,7 @@ class JointSensitivities(Sensitivities):
             return found
         here = samples_in(self.problem, self.point.within[changed.name])[:, None]
         way = here[:-1] & here[1:]
-        parts = ((found.middle, way), (found.at, here), (found.reading, here), (found.ahead, way))
-        return Sensitivity(*(None if x is None else x * there for x, there in parts))
+        return found.weighted(way, here)
 
     def _difference_ahead(self, origin: SpacecraftModel, model: SpacecraftModel) -> np.ndarray:
         none = np.zeros((1, 2 * model.nv))  # where recordings meet
@@ -235,10 +234,11 @@ class JointSensitivities(Sensitivities):
         readings = []
         for k, (part, s) in enumerate(zip(self.problem.parts, self.each, strict=True)):
             mine = part.label == label if named else k == 0
-            reading = change(s, own).reading if mine else None
-            none = np.zeros((len(s.run.states.time), self.problem.data.rows))
-            readings.append(none if reading is None else reading)
-        return Sensitivity(reading=np.concatenate(readings))
+            found = change(s, own) if mine else Sensitivity()
+            readings.append(np.zeros((len(s.run.states.time), self.problem.data.rows)))
+            if found.reading is not None:
+                readings[-1][:, found.rows] = found.reading
+        return Sensitivity.of(reading=np.concatenate(readings))
 
     def readings(self) -> np.ndarray:
         """Return what is read along the run (N, rows)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import EllipsisType
 
 import numpy as np
 import pinocchio as pin
@@ -18,33 +19,74 @@ from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.process_model import ProcessModel
-from smsid.kernel.derivatives import forces_along
+from smsid.kernel.arrays import Kernel
+from smsid.kernel.derivatives import forces_along, passive_along
 from smsid.kernel.filter import steps_ahead
+from smsid.kernel.sensitivities import carry
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
 
 BACK = 1e-4  # [s] how far back a reading is compared for its rate
 DIFFERENCE = 1e-4  # step of a difference, in scales of the parameter
 LITTLE = 0.01  # share of a parameter's value: with steps of far less a difference is of rounding
-BLOCK = 16  # samples whose columns are written at once: a transposition is slow row by row
+Places = np.ndarray | EllipsisType  # which of several; ... are all
+Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivatives by one parameter: of the acceleration between samples (N - 1, nv) and at them (N, nv), and
-    of the readings at fixed motion (N, rows); ``None`` where there is none. ``ahead`` (N - 1, 2 nv), tangent
-    and rates, is of the state at the next sample, where what happens within the way there is not held.
+    """Derivatives by one parameter: of generalised forces between samples (N - 1, k) and at them (N, k), on
+    the degrees of freedom ``dofs`` (k,), and of the readings ``rows`` (j,) at fixed motion (N, j); ``None``
+    where there is none. ``ahead`` (N - 1, 2 nv), tangent and rates, is of the state at the next sample, where
+    what happens within the way there is not held.
     """
 
     middle: np.ndarray | None = None
     at: np.ndarray | None = None
     reading: np.ndarray | None = None
     ahead: np.ndarray | None = None
+    dofs: Places = ...
+    rows: Places = ...
+
+    @classmethod
+    def on(cls, dof: int, middle: np.ndarray, at: np.ndarray) -> Sensitivity:
+        """Return the change by a force on one degree of freedom, between samples (N - 1,) and at them."""
+        return cls(middle[:, None], at[:, None], dofs=np.array([dof]))
+
+    @classmethod
+    def of(
+        cls,
+        forces: tuple[np.ndarray, np.ndarray] | None = None,
+        reading: np.ndarray | None = None,
+        ahead: np.ndarray | None = None,
+    ) -> Sensitivity:
+        """Return the change by forces (N - 1, nv) and (N, nv), and readings (N, rows), without those that do
+        not change.
+        """
+        found = cls(ahead=ahead)
+        if forces is not None:
+            dofs = np.flatnonzero(forces[0].any(axis=0) | forces[1].any(axis=0))
+            if len(dofs):
+                found = replace(found, middle=forces[0][:, dofs], at=forces[1][:, dofs], dofs=dofs)
+        if reading is not None:
+            rows = np.flatnonzero(reading.any(axis=0))
+            found = replace(found, reading=reading[:, rows], rows=rows)
+        return found
+
+    def weighted(self, between: float | np.ndarray, at: float | np.ndarray) -> Sensitivity:
+        """Return it times factors between samples and at them: numbers, or (N - 1, 1) and (N, 1)."""
+
+        def product(x: np.ndarray | None, factor: float | np.ndarray) -> np.ndarray | None:
+            return None if x is None else x * factor
+
+        forces = product(self.middle, between), product(self.at, at)
+        return Sensitivity(
+            *forces, product(self.reading, at), product(self.ahead, between), self.dofs, self.rows
+        )
 
     def times(self, factor: float) -> Sensitivity:
         """Return it ``factor`` times."""
-        parts = (self.middle, self.at, self.reading, self.ahead)
-        return Sensitivity(*(None if x is None else factor * x for x in parts))
+        return self.weighted(factor, factor)
 
 
 class Sensitivities:
@@ -58,16 +100,14 @@ class Sensitivities:
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[str, np.ndarray] = {}
-        self._own: dict[str, np.ndarray] = {}
+        self._own: dict[tuple[str, bool], np.ndarray] = {}
+        self._whole: list[Kernel | None] = []
         self.by_candidate: dict[tuple[object, ...], list[Sensitivity]] = {}  # what is scored is scored again
 
     def inertial(self, columns: Sequence[int]) -> list[Sensitivity]:
-        """Return the changes by inertial parameters, ten per body: -M^-1 Y."""
+        """Return the changes by inertial parameters, ten per body: -Y."""
         index = np.asarray(columns)
-        middle, at = (
-            -np.matmul(inverse, self._regressor(where)[:, :, index])
-            for where, inverse in (("middle", self.run.middle_inverse), ("at", self.run.inverse))
-        )
+        middle, at = (-self._regressor(where)[:, :, index] for where in ("middle", "at"))
         return [Sensitivity(middle[:, :, i], at[:, :, i]) for i in range(len(columns))]
 
     def _regressor(self, where: str) -> np.ndarray:
@@ -106,24 +146,23 @@ class Sensitivities:
                 f"'{changed.name}' adds joints.", advice="Fit it through simulation.", effect=changed.name
             )
         forces = forces and not _move_alike(origin, model)
-        middle = at = None
+        pushed = None
         if forces or cls.drive is not Effect.drive:
-            pushed = [
-                self._taken(where, origin) - self._taken(where, model) if forces else np.zeros_like(s.tau)
-                for where, s in (("middle", self.run.middle), ("at", self.run.states))
-            ]
+            pushed = (
+                self._less_taken(origin, model)
+                if forces
+                else [np.zeros_like(s.tau) for s in (self.run.middle, self.run.states)]
+            )
             if cls.drive is not Effect.drive:
                 new, old = self._applied(model), self._applied(origin) if known else self.applied
                 pushed[0] += new.middle - old.middle
                 pushed[1] += (new.at - old.at)[: len(pushed[1])]
-            if np.any(pushed[0]) or np.any(pushed[1]):
-                middle = np.matmul(self.run.middle_inverse, pushed[0][:, :, None])[:, :, 0] / step
-                at = np.matmul(self.run.inverse, pushed[1][:, :, None])[:, :, 0] / step
+            pushed = pushed[0] / step, pushed[1] / step
         reading = self._reading(base, other, origin, model)
-        ahead = None
+        found = Sensitivity.of(pushed, None if reading is None else reading / step)
         if forces and changed.has_fast_dynamics():
-            middle, ahead = None, self._difference_ahead(origin, model) / step
-        return Sensitivity(middle, at, None if reading is None else reading / step, ahead)
+            return replace(found, middle=None, ahead=self._difference_ahead(origin, model) / step)
+        return found
 
     def _difference_ahead(self, origin: SpacecraftModel, model: SpacecraftModel) -> np.ndarray:
         """Return by how much the state at the next sample (N - 1, 2 nv) differs in another model."""
@@ -163,14 +202,14 @@ class Sensitivities:
         for block in self.problem.data.blocks:
             if block.channel == channel:
                 reading[:] = unit_bias(block, unknown.column, rows)
-        return Sensitivity(reading=reading)
+        return Sensitivity.of(reading=reading)
 
     def sensor(self, unknown: Unknown) -> Sensitivity:
         """Return the change by another error of a sensor in this recording, by a difference."""
         step = DIFFERENCE * unknown.scale
         other = self.point.moved([unknown], np.array([step]))
         reading = self._reading(self.point, other, self.model, self.model)
-        return Sensitivity(reading=None if reading is None else reading / step)
+        return Sensitivity.of(reading=None if reading is None else reading / step)
 
     def unknown(self, unknown: Unknown) -> Sensitivity:
         """Return the change by a parameter of an effect the point has, by a difference."""
@@ -182,16 +221,6 @@ class Sensitivities:
             for p in (self.point, self.point.moved([unknown], np.array([step])))
         )
         return self.effect(mine, more, step)
-
-    def force(self, middle: np.ndarray, at: np.ndarray) -> Sensitivity:
-        """Return the change by a generalised force along the run.
-
-        ``middle`` (N - 1, nv) between samples, ``at`` (N, nv) them.
-        """
-        return Sensitivity(
-            np.einsum("nij,nj->ni", self.run.middle_inverse, middle),
-            np.einsum("nij,nj->ni", self.run.inverse, at),
-        )
 
     def readings(self) -> np.ndarray:
         """Return what is read along the run (N, rows)."""
@@ -213,20 +242,46 @@ class Sensitivities:
             self._rates = rates
         return self._rates
 
-    def _taken(self, where: str, model: SpacecraftModel) -> np.ndarray:
-        """Return the generalised forces (N, nv) that a model's motion takes along the run; its own, once."""
-        if model is self.model and where in self._own:
-            return self._own[where]
+    def _less_taken(self, origin: SpacecraftModel, model: SpacecraftModel) -> list[np.ndarray]:
+        """Return the generalised forces that the motion takes less in a model than in another, between
+        samples (N - 1, nv) and at them (N, nv).
+        """
+        kernels = [self._kernel(m) for m in (origin, model)]
+        one, other = kernels
+        alike = one is not None and other is not None and one.moves_like(other)
+        each = list(zip((origin, model), kernels, strict=True))
+        parts = [[self._taken(where, *x, passive=alike) for x in each] for where in ("middle", "at")]
+        return [before - after for before, after in parts]
+
+    def _kernel(self, model: SpacecraftModel) -> Kernel | None:
+        """Return what compiled code takes of a model, nothing held still; of its own, once."""
+        if model is self.model and self._whole:
+            return self._whole[0]
         held = np.zeros(0, dtype=int)
-        kernel = ProcessModel(model, held).kernel(balanced=False) if compiled_pays() else None
+        found = ProcessModel(model, held).kernel(balanced=False) if compiled_pays() else None
+        if model is self.model:
+            self._whole.append(found)
+        return found
+
+    def _taken(
+        self, where: str, model: SpacecraftModel, kernel: Kernel | None, *, passive: bool
+    ) -> np.ndarray:
+        """Return the generalised forces (N, nv) that a model's motion takes along the run, or their
+        ``passive`` part that inertia has none in; its own, once.
+        """
+        known = where, passive
+        if model is self.model and known in self._own:
+            return self._own[known]
         s = self._states(where)
         found = np.empty((len(s.time), model.nv))
-        if kernel is not None:
-            forces_along(*kernel.arrays, s.time, s.q, s.v, s.a, s.tau, found)
-        else:
+        if kernel is None:
             _forces_along(model, s, found)
+        elif passive:
+            passive_along(*kernel.arrays, s.time, s.q, s.v, s.tau, found)
+        else:
+            forces_along(*kernel.arrays, s.time, s.q, s.v, s.a, s.tau, found)
         if model is self.model:
-            self._own[where] = found
+            self._own[known] = found
         return found
 
     def _reading(
@@ -290,42 +345,54 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray 
     The change goes through the filter as it ran: delta+ = (1 - K H) delta - K D, delta <- F delta+ + Psi phi.
     The innovations change by the negative. Each column is contiguous in memory.
     """
-    n, rows, _ = run.by_a.shape
-    m = len(changes)
-    # what is alike stands together: adding to scattered columns is slow
-    order = sorted(range(m), key=lambda i: (changes[i].at is None, changes[i].reading is not None))
-    pushed, middle = _stacked([changes[i].middle for i in order])
-    led, ahead = _stacked([changes[i].ahead for i in order])
-    moved, at = _stacked([changes[i].at for i in order])
-    seen, reading = _stacked([changes[i].reading for i in order])
+    (n, rows, nv), width, m = run.by_a.shape, run.gain.shape[1], len(changes)
+    moves = len(run.transition)
+    between = _stacked([(c.middle, c.dofs) for c in changes], moves, nv)
+    at = _stacked([(c.at, c.dofs) for c in changes], n, nv)
+    read = _stacked([(c.reading, c.rows) for c in changes], n, rows)
+    led = _stacked([(c.ahead, ...) for c in changes], moves, 2 * nv)
+    now: np.ndarray = np.zeros((m, width)) if delta is None else np.ascontiguousarray(delta.T)
     out = np.empty((m, n, rows))
-    block = np.empty((BLOCK, rows, m))
-    now: np.ndarray = np.zeros((run.gain.shape[1], m)) if delta is None else delta[:, order]
-    for k in range(n):
-        predicted = run.sensitivity[k] @ now
-        if at is not None:
-            predicted[:, moved] += run.by_a[k] @ at[:, k].T
-        if reading is not None:
-            predicted[:, seen] += reading[:, k].T
-        np.matmul(run.whitening[k], predicted, out=block[k % BLOCK])
-        if k % BLOCK == BLOCK - 1 or k == n - 1:
-            out[order, k - k % BLOCK : k + 1] = block[: k % BLOCK + 1].transpose(2, 0, 1)
-        if k < len(run.transition):
-            now = run.transition[k] @ (now - run.gain[k] @ predicted)
-            if middle is not None:
-                now[:, pushed] += run.forcing[k] @ middle[:, k].T
-            if ahead is not None:
-                now[: ahead.shape[2], led] += ahead[:, k].T
+    filtered = (
+        run.whitening, run.sensitivity, run.gain, run.transition, run.forcing, run.by_a, run.inverse,
+        run.middle_inverse,
+    )  # fmt: skip
+    take = carry if compiled_pays() else _carry
+    take(filtered, between, at, read, led, now, out)
     if delta is not None:
-        delta[:, order] = now
+        delta[:] = now.T
     return out.transpose(1, 2, 0)
 
 
-def _stacked(parts: Sequence[np.ndarray | None]) -> tuple[slice | np.ndarray, np.ndarray | None]:
-    """Return the places of arrays (n, width) that are there, and these as one (columns, n, width)."""
-    there = [x for x in parts if x is not None]
+def _carry(
+    filtered: tuple[np.ndarray, ...], between: Entries, at: Entries, read: Entries, led: Entries,
+    now: np.ndarray, out: np.ndarray,
+) -> None:  # fmt: skip
+    """Do what `smsid.kernel.sensitivities.carry` does."""
+    whitening, sensitivity, gain, transition, forcing, by_a, inverse, middle_inverse = filtered
+
+    def placed(entries: Entries, k: int, count: int) -> np.ndarray:
+        whole = np.zeros((count, len(now)))
+        whole[entries[2], entries[1]] = entries[0][k]
+        return whole
+
+    state, (n, rows, nv) = now.T.copy(), by_a.shape
+    for k in range(n):
+        predicted = sensitivity[k] @ state + by_a[k] @ inverse[k] @ placed(at, k, nv) + placed(read, k, rows)
+        out[:, k] = (whitening[k] @ predicted).T
+        if k < len(transition):
+            state = transition[k] @ (state - gain[k] @ predicted)
+            state += forcing[k] @ middle_inverse[k] @ placed(between, k, nv) + placed(led, k, len(state))
+    now[:] = state.T
+
+
+def _stacked(parts: Sequence[tuple[np.ndarray | None, Places]], count: int, width: int) -> Entries:
+    """Return changes side by side: values (``count``, e), their columns (e,) and places (e,) of ``width``."""
+    there = [(i, x, np.arange(width)[where]) for i, (x, where) in enumerate(parts) if x is not None]
     if not there:
-        return slice(0), None
-    places = [i for i, x in enumerate(parts) if x is not None]
-    close = places[-1] - places[0] == len(places) - 1
-    return slice(places[0], places[-1] + 1) if close else np.array(places), np.stack(there)
+        return np.zeros((count, 0)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return (
+        np.concatenate([x for _, x, _ in there], axis=1),
+        np.repeat([i for i, *_ in there], [len(where) for *_, where in there]),
+        np.concatenate([where for *_, where in there]),
+    )

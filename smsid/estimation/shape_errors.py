@@ -20,9 +20,8 @@ def shape_errors(run: FilterRun, dof: int) -> np.ndarray:
     rates = [s.v[:, dof] for s in (run.middle, run.states)]
     with np.errstate(divide="ignore"):
         octaves = [np.floor(np.log(np.abs(v)) / np.log(OCTAVE)) for v in rates]
-    inverses = [x[:, :, dof] for x in (run.middle_inverse, run.inverse)]
     changes = []
     for octave in np.unique(np.concatenate(octaves)):
         here = [np.where(o == octave, np.sign(v), 0.0) for o, v in zip(octaves, rates, strict=True)]
-        changes.append(Sensitivity(*(x * h[:, None] for x, h in zip(inverses, here, strict=True))))
+        changes.append(Sensitivity.on(dof, *here))
     return propagate(run, changes)

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.kernel import columns as c
-from smsid.kernel.forces import LAWS
+from smsid.kernel.forces import LAW, LAWS
 from smsid.kernel.jit import available
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -109,6 +109,22 @@ class Kernel:
         """Return the kernel of a model, or ``None`` where the plain way has to be taken."""
         return arrays_of(model, terms=(*model.loads, *model.forces)) if available() else None
 
+    def moves_like(self, other: Kernel) -> bool:
+        """Whether bodies and all that goes with their accelerations are the same in another, though springs,
+        dampers and other forces may differ.
+        """
+        pairs = [
+            (
+                x.tree,
+                x.bodies[:, : c.STIFFNESS],
+                x.root[: c.FORCES],
+                x.root[c.ROTORS],
+                _tables_of_bodies(x.root),
+            )
+            for x in (self, other)
+        ]
+        return all(np.array_equal(*both) for both in zip(*pairs, strict=True))
+
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The first arguments of what is compiled: tree (n, 5), bodies (n, 28), root (26 + ...,)."""
@@ -148,6 +164,17 @@ def arrays_of(
     root = np.concatenate([found.root, *tables])
     root[c.FORCES], root[c.BEAMS], root[c.ROTORS] = len(forces) + len(growing), len(beams), len(rotors)
     return replace(found, root=root)
+
+
+def _tables_of_bodies(root: np.ndarray) -> np.ndarray:
+    """Return the tables of a root that go with inertia: of tides, growth, beams and rotors."""
+    kept, at = [], c.FIRST
+    for _ in range(int(root[c.FORCES])):
+        table = root[at : at + int(root[at])]
+        at += len(table)
+        if LAWS[int(table[LAW])] in ("tide", "growth"):
+            kept.append(table)
+    return np.concatenate([*kept, root[at:]])
 
 
 def _force_table(force: Force) -> np.ndarray:

@@ -70,6 +70,22 @@ def forces_along(tree, bodies, root, times, q, v, a, load, out):
         inverse_dynamics(tree, bodies, root, angles, v[k], a[k], gravity, load[k], work, out[k])
 
 
+@compiled_and_cached
+def passive_along(tree, bodies, root, times, q, v, load, out):
+    """Write the part of `forces_along` that bodies have none in: springs, dampers and forces by few of the
+    coordinates.
+    """
+    start, angles = 6 if root[FREE] > 0.0 else 0, np.empty(len(tree))
+    for k in range(len(times)):
+        root[TIME] = times[k]
+        start_of_chart(tree, root, q[k], angles)
+        out[k] = 0.0
+        for i in range(len(tree)):
+            out[k, start + i] = bodies[i, STIFFNESS] * angles[i] + bodies[i, DAMPING] * v[k, start + i]
+        if root[FORCES] > 0.0:
+            add_forces(root, angles, v[k], load[k], -1.0, out[k])
+
+
 @compile_inner
 def momentum_terms(inertia, velocity, out):
     """Write momentum p and matrix D of a body, of its ``inertia`` (10,) and velocity (6,), into out (12,)."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.specification_tests import force_on, hysteresis, memory
+from smsid.diagnose.specification_tests import hysteresis, memory
 from smsid.estimation.map_estimate import evaluate
-from smsid.estimation.sensitivities import propagate
+from smsid.estimation.sensitivities import Sensitivity, propagate
 
 WIDTH = 0.05
 
@@ -40,7 +40,7 @@ def test_it_is_found_beside_coulomb_friction(known, problem, there):
     run = found.run
     travel = float(np.ptp(run.states.q[:, kq]))
     law = hysteresis(run.states.q[:, kq], run.middle.q[:, kq], 0.02 * travel)
-    column = propagate(run, force_on(found, kv, [law[0]], [law[1]]))[:, :, 0]
+    column = propagate(run, [Sensitivity.on(kv, law[1], law[0])])[:, :, 0]
     left = found.left(column.reshape(-1, 1))[:, 0]
     noise = np.random.default_rng(7).standard_normal(column.shape) * run.used
     moved = noise + there * 12.0 * column / np.sqrt(left @ left)

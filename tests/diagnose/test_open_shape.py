@@ -7,10 +7,10 @@ import pytest
 
 from smsid.diagnose.open_shape import may_be_open
 from smsid.diagnose.score_test import Candidate
-from smsid.diagnose.specification_tests import adequacy, force_on, open_joints
+from smsid.diagnose.specification_tests import adequacy, open_joints
 from smsid.effects import JointFriction, TorqueGain
 from smsid.estimation.map_estimate import evaluate
-from smsid.estimation.sensitivities import propagate
+from smsid.estimation.sensitivities import Sensitivity, propagate
 from smsid.estimation.shape_errors import shape_errors
 
 JOINT = "joint2"
@@ -28,7 +28,7 @@ def test_errors_of_all_octaves_together_are_a_torque_against_the_motion(opened):
     ((dof, _),) = opened.problem.noise.shapes
     found = shape_errors(opened.run, dof)
     at, middle = (np.sign(s.v[:, dof]) for s in (opened.run.states, opened.run.middle))
-    (whole,) = np.moveaxis(propagate(opened.run, force_on(opened, dof, [at], [middle])), 2, 0)
+    (whole,) = np.moveaxis(propagate(opened.run, [Sensitivity.on(dof, middle, at)]), 2, 0)
     assert found.shape[2] > 3
     assert found.sum(axis=2) == pytest.approx(whole, abs=1e-9 * np.abs(whole).max())
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.specification_tests import CHANCE, disturbances, force_on, unknown_input_tests
+from smsid.diagnose.specification_tests import CHANCE, disturbances, unknown_input_tests
 from smsid.estimation.map_estimate import evaluate, fit
-from smsid.estimation.sensitivities import propagate
+from smsid.estimation.sensitivities import Sensitivity, propagate
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def test_the_smoother_agrees_with_forces_propagated_one_by_one(found):
         for dof in (1, 4, int(found.changes.model.arm_joints.v[2])):
             middle = np.zeros(len(slope))
             middle[k] = 1.0
-            column = propagate(run, force_on(found, dof, [np.zeros(len(slope) + 1)], [middle]))[:, :, 0]
+            column = propagate(run, [Sensitivity.on(dof, middle, np.zeros(len(slope) + 1))])[:, :, 0]
             assert slope[k, dof] == pytest.approx((column * run.innovations).sum(), rel=1e-6)
             assert known[k, dof] == pytest.approx((column**2).sum(), rel=1e-6)
 
