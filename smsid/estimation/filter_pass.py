@@ -413,7 +413,7 @@ def reference(
     plant: ProcessModel, parameters: Parameters | None, state: State, acts: np.ndarray, sloped: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return how far what is believed is from where it is linear (x,), and there q, v, unknown forces (nv,)
-    and by how much these climb in a second.
+    and by how much these climb in a second; ``acts`` (k,) and ``sloped`` (j,) are as in `UnknownForces`.
 
     That is the state which goes with the parameters of the model: its mean, given these. So the filter is
     linear about a motion that there can be, however far parameters at first are believed to be. Biases, in

@@ -64,7 +64,9 @@ def log_likelihoods(innovations: np.ndarray, whitening: np.ndarray, given: np.nd
 
 
 def log_volumes(whitening: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """Return what of the log-likelihood of each sample (N,) is by its whitening (N, rows, rows) alone."""
+    """Return what of the log-likelihood of each sample (N,) is by its ``whitening`` (N, rows, rows) alone,
+    beside the rows ``given`` (rows,).
+    """
     diagonal = np.einsum("nii->ni", whitening)[:, ~given]
     return np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)
 
