@@ -50,7 +50,7 @@ class Sensitivity:
 
     @classmethod
     def on(cls, dof: int, middle: np.ndarray, at: np.ndarray) -> Sensitivity:
-        """Return the change by a force on one degree of freedom: ``middle`` (N - 1,) and ``at`` (N,) samples."""
+        """Return the change by a force on one degree of freedom, ``middle`` (N - 1,) and ``at`` (N,)."""
         return cls(middle[:, None], at[:, None], dofs=np.array([dof]))
 
     @classmethod
@@ -60,8 +60,8 @@ class Sensitivity:
         reading: np.ndarray | None = None,
         ahead: np.ndarray | None = None,
     ) -> Sensitivity:
-        """Return the change by forces (N - 1, nv) and (N, nv), a ``reading`` (N, rows) and the state ``ahead``
-        (N - 1, 2 nv), without forces and readings that do not change.
+        """Return the change by forces (N - 1, nv) and (N, nv), a ``reading`` (N, rows) and the state
+        ``ahead`` (N - 1, 2 nv), without forces and readings that do not change.
         """
         found = cls(ahead=ahead)
         if forces is not None:
