@@ -4,15 +4,19 @@ Of some commands alone, what they need first: ``... "simulate exp2" view``. Rows
 
 On the paper's craft: imports, the search for an excitation, building models, writing, and the work itself, in
 shares of the time. Categories are cumulative times of the functions that do them (`PARTS`), by cProfile,
-which slows Python code down: shares, not seconds. What is above a fifth beside the work is named.
+which slows Python code down: shares, not seconds. What is above a fifth beside the work is named. The
+processor time of the whole process is measured beside it, without a profile: the median of three runs.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import pstats
+import resource
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -30,8 +34,9 @@ COMMANDS = {
     "control": "control {craft} estimate.json -o controller.json",
     "track": "track {craft} exp2.nc -o track.nc",
     "view": "view {craft} exp2.nc -o exp2.html",
-    "export": "export {craft} estimate.json -o exported",
+    "export": "export {craft} estimate.json -o exported_{{turn}}",
 }
+TURNS = itertools.count()  # of commands that write into a new folder
 VERDICTS = (3, 4)  # exit codes of a diagnosis that is told, but not explained or not evaluated
 RUNNER = """
 import cProfile, runpy, sys
@@ -49,19 +54,38 @@ PARTS = {
 }
 
 
-def profiled(arguments: list[str], folder: Path) -> pstats.Stats:
-    """Return the profile of a command, its imports included; one that fails ends the benchmark."""
-    out = folder / "profile.out"
+def run(python: list[str], arguments: list[str], folder: Path, cache: Path) -> float:
+    """Return processor time [s] of a command, of user and system; one that fails ends the benchmark."""
+    own = {"SMSID_CACHE": str(cache), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    arguments = [x.format(turn=next(TURNS)) for x in arguments]
+    spent = _children()
     done = subprocess.run(
-        [sys.executable, "-c", RUNNER, str(out), *arguments],
+        [sys.executable, *python, *arguments],
         cwd=folder,
-        env={**os.environ, "SMSID_CACHE": str(folder / "cache")},  # an excitation is searched for anew
+        env={**{k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}, **own},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
     )
     if done.returncode not in (0, *(VERDICTS if arguments[0] == "diagnose" else ())):
         raise SystemExit(f"smsid {' '.join(arguments)} ended with {done.returncode}:\n{done.stderr}")
+    return _children() - spent
+
+
+def _children() -> float:
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
+
+
+def cpu_seconds(arguments: list[str], folder: Path, cache: Path) -> float:
+    """Return the median processor time [s] of three runs, byte code and kernels compiled before."""
+    return statistics.median([run(["-m", "smsid"], arguments, folder, cache) for _ in range(4)][1:])
+
+
+def profiled(arguments: list[str], folder: Path, cache: Path) -> pstats.Stats:
+    """Return the profile of a command, its imports included."""
+    out = folder / "profile.out"
+    run(["-c", RUNNER, str(out)], arguments, folder, cache)
     return pstats.Stats(str(out))
 
 
@@ -87,11 +111,14 @@ def main() -> None:
         for label, command in COMMANDS.items():
             if label not in chosen:
                 continue
-            stats = profiled(command.format(craft=CRAFT).split(), folder)
+            arguments = command.format(craft=CRAFT).split()
+            spent = cpu_seconds(arguments, folder, folder / "cache")
+            stats = profiled(arguments, folder, folder / f"of {label}")  # an excitation is searched for anew
             shares = {part: round(share_of(stats, names), 3) for part, names in PARTS.items()}
             shares["work"] = round(max(0.0, 1.0 - sum(shares.values())), 3)
             load = round(os.getloadavg()[0], 1)
-            rows[label] = {"seconds_profiled": round(stats.total_tt, 2), **shares, "load average": load}
+            seconds = {"cpu_seconds": round(spent, 2), "seconds_profiled": round(stats.total_tt, 2)}
+            rows[label] = {**seconds, **shares, "load average": load}
             earlier.discard(label)
             print(label, json.dumps(rows[label]), flush=True)
             above = [f"{c}: {p}" for c, row in rows.items() for p in PARTS if row[p] > 0.2]
