@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +17,9 @@ from smsid.cli.output import print_parts, show_spinner
 from smsid.cli.places import Writes
 
 if TYPE_CHECKING:
-    from smsid.comparison import Comparison, Finding
+    from smsid.comparison import Comparison
 
+MASS_PROPERTIES = ("mass", "centre", "central_inertia")  # of a body that are shown at once
 ROWS, LINES = 20, 8  # parameters and findings shown, unless everything is asked for
 
 
@@ -54,8 +56,8 @@ def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator
     from rich.text import Text
 
     from smsid.cli.output import note_lines
-    from smsid.cli.tables import cut_tables, plain_table
-    from smsid.identify.estimate_text import short_name
+    from smsid.cli.tables import cut_tables, report_table
+    from smsid.report.compare import numbers_table, parameters_table
 
     yield Text(f"{found.first} -> {found.second}", style="dim")
     yield Text(found.sentence, style="bold")
@@ -63,31 +65,14 @@ def comparison_parts(found: Comparison, *, everything: bool = False) -> Iterator
     for finding in shown:
         yield Text(f"- {finding.sentence}")
         if finding is shown[0] and finding.kind in ("body_grasped", "body_released", "mass_left"):
-            yield _quantities(finding, everything)
+            own = [q for q in finding.quantities if everything or q.name.startswith(MASS_PROPERTIES)]
+            yield report_table(numbers_table(replace(finding, quantities=tuple(own))))
     if len(found.findings) > len(shown):
         yield Text(f"{len(found.findings) - len(shown)} more findings with --all", style="dim")
-    columns = ("parameter", "before", "after", "change", "± 95 %", "sigma", "unit", "")
-    table = plain_table(*columns, left=("parameter", "unit", ""), fold=everything)
-    for p in sorted(found.parameters, key=lambda p: p.p_value):
-        name = p.name if everything else short_name(p.name, 34)
-        numbers = f"{p.before:.6g}", f"{p.after:.6g}", f"{p.change:+.3g}", f"{1.96 * p.sigma:.2g}"
-        changed = Text("changed" if p.changed else "", style="yellow")
-        table.add_row(Text(name), *numbers, f"{p.deviations:+.1f}", p.unit, changed)
+    table = report_table(parameters_table(found), everything=everything)
     yield from cut_tables([table] if found.parameters else [], everything, ROWS)
     lines = [f"not comparable, {n.reason} ({n.estimate} estimate): {n.name}" for n in found.not_comparable]
     if lines and not everything:
         yield Text(f"{len(lines)} parameters are not comparable: --all", style="yellow")
         lines = []
     yield from (Text(line) for line in note_lines((*lines, *found.notes), everything=everything))
-
-
-def _quantities(finding: Finding, everything: bool) -> Any:
-    """Return a table of a body's numbers: mass, centre, inertia about it; all of them on demand."""
-    from smsid.cli.tables import plain_table
-
-    table = plain_table("quantity", "value", "± 95 %", "unit", "", left=("quantity", "unit", ""))
-    for q in finding.quantities:
-        if everything or q.name.startswith(("mass", "centre", "central_inertia")):
-            numbers = (f"{q.value:.5g}", f"{1.96 * q.sigma:.2g}") if q.told else ("", "")
-            table.add_row(q.name, *numbers, q.unit, "" if q.told else "not told")
-    return table

@@ -23,8 +23,6 @@ from smsid.errors import MissingDependencyError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rich.table import Table
-
     from smsid.datasets import Demonstration
     from smsid.description import Description
     from smsid.diagnose import DiagnosisRun
@@ -44,9 +42,11 @@ def demo_command(
     seed: Seed = 1,
 ) -> CommandResult:
     """Show what smsid is for: from a recording to the cause that the simulation lacks, and what it gains."""
+    from smsid.cli.tables import report_table
     from smsid.datasets import demonstration
     from smsid.diagnose import diagnose, save_diagnosis
     from smsid.identify.estimate import save_estimate
+    from smsid.paper.tables import table_2
     from smsid.report.demo import DemoCraft
     from smsid.report.diagnosis_tables import plain_words
 
@@ -85,7 +85,7 @@ def demo_command(
     for step in told[-1:]:
         say(f"4. {step}")
     say("5. The paper's Table 2, from a guess that is off:")
-    out.print(_table_2(done.estimate))
+    out.print(report_table(table_2(done.estimate)))
     names = ("estimate.json", "diagnosis.json", "extended.toml", "extended.urdf", "exp1.nc", "exp2.nc")
     names = (*names, "paper_guess.urdf", "paper_guess.toml", "paper_estimate.json")
     written += [*(output / n for n in names), *drawn, page]
@@ -105,18 +105,6 @@ def demo_command(
 def _silent() -> None:
     """Keep what the library logs in another process off the terminal."""
     logging.getLogger("smsid").addHandler(logging.NullHandler())
-
-
-def _table_2(estimate: Estimate) -> Table:
-    """Return the paper's Table 2 beside an estimate."""
-    from smsid.cli.tables import plain_table
-    from smsid.paper.tables import table_2_cells
-
-    columns, rows = table_2_cells(estimate)
-    table = plain_table(*columns, left=("parameter", "status"))
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]:

@@ -139,9 +139,9 @@ def share(text: str) -> float:
 
 
 def _tables(found: Design | Separation, everything: bool) -> Iterator[RenderableType]:
-    from smsid.cli.tables import cut_tables, limits_table, plain_table
+    from smsid.cli.tables import cut_tables, limits_table, report_table
     from smsid.design import Design
-    from smsid.identify.estimate_text import short_name
+    from smsid.report.design import result_table
 
     experiment = found.experiment
     yield f"{experiment.note}; {experiment.duration:.6g} s"
@@ -150,19 +150,7 @@ def _tables(found: Design | Separation, everything: bool) -> Iterator[Renderable
             f"worst parameter {found.gain:.3g} times better known than 'before', the paper's kind of "
             f"excitation within the same limits ({found.reference.note})"
         )
-        columns = ("parameter", "value", "sigma", "sigma before", "unit", "relative", "before")
-        title = "predicted (Cramer-Rao)"
-        table = plain_table(*columns, title=title, left=("parameter", "unit"), fold=everything)
-        rows = zip(found.sigma, found.before, found.relative, found.relative_before, strict=True)
-        for i, (sigma, before, relative, relative_before) in enumerate(rows):
-            name = found.goal.names[i]
-            numbers = f"{found.goal.values[i]:.6g}", f"{sigma:.2g}", f"{before:.2g}", found.goal.units[i]
-            shares = f"{100 * relative:.2g} %", f"{100 * relative_before:.2g} %"
-            table.add_row(name if everything else short_name(name, 36), *numbers, *shares)
     else:
         yield f"correlation of the two: {found.correlation:.4f} (before: {found.correlation_before:.4f})"
-        columns = ("cause", "parameter", "told from the other", "before", "unit")
-        table = plain_table(*columns, title="detection limits", left=("cause", "parameter", "unit"))
-        for row in found.rows:
-            table.add_row(row.cause, row.parameter, f"{row.limit:.3g}", f"{row.before:.3g}", row.unit)
+    table = report_table(result_table(found), everything=everything)
     yield from cut_tables([table, limits_table(found.limits)], everything, 36)

@@ -15,8 +15,7 @@ from smsid.cli.output import print_parts, show_spinner
 from smsid.cli.places import Writes, is_ours
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from typing import Any
+    from collections.abc import Iterator
 
     from rich.console import RenderableType
 
@@ -36,6 +35,7 @@ def _extended_path(output: Path) -> tuple[Path, ...]:
 DiagnosisOutput = Annotated[
     Output, Writes((".json",), kind="diagnosis", beside=_extended_path, beside_kind="description")
 ]
+CAUSE = ("cause", "where", "parameter", "value", "95 % interval", "unit")  # what is printed of a cause
 EXIT_CODES = {"adequate": 0, "explained": 0, "unexplained": 3, "not_evaluated": 4}
 
 
@@ -103,78 +103,27 @@ def diagnosis_parts(diagnosis: Diagnosis, *, everything: bool = False) -> Iterat
     from rich.text import Text
 
     from smsid.cli.output import note_lines
-    from smsid.cli.tables import cut_tables, plain_table
+    from smsid.cli.tables import cut_tables, report_table
+    from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, remaining_table
+    from smsid.report.model import Table
+    from smsid.report.model import Text as Words
 
-    d = json.loads(diagnosis.to_json())
-    yield Text(f"{d['verdict'].replace('_', ' ')}: {d['sentence']}", style="bold")
-    if d["causes"]:
-        yield from _causes(d["causes"], everything)
-    gain = d["gain"]
-    if gain["status"] == "evaluated":
-        columns = ("channel", "unit", "as given, rms", "refitted, rms", "extended, rms", "noise")
-        table = plain_table(*columns, title=f"open loop on {gain['recording']}", left=("channel", "unit"))
-        for c in gain["channels"]:
-            sizes = (_number_text(c.get(k)) for k in ("given", "refitted", "extended", "noise"))
-            table.add_row(c["channel"], c["unit"], *sizes)
-        yield table
-        left_out, gone = gain.get("left_out"), gain["explained"]
-        yield (
-            f"whitened rms (noise: 1): {_number_text(gain['whitened_given'])} as given, "
-            f"{_number_text(gain['whitened_nominal'])} refitted, "
-            f"{_number_text(gain['whitened_extended'])} extended; "
-            + ("nothing exceeds the noise" if gone is None else f"{100 * gone:.1f} % of the excess gone")
-            + (f"; {left_out} readings of faulty sensors left out" if left_out else "")
-        )
-    elif gain.get("reason"):
-        yield f"gain not evaluated: {gain['reason']}"
-    if d["remaining"]:
-        columns = ("what", "depends on", "chi-squared", "freedom", "p, corrected")
-        table = plain_table(*columns, title="what is left", left=columns[:2])
-        for r in d["remaining"]:
-            p = "-" if r["p_value"] is None else f"{r['p_value']:.1e}"
-            table.add_row(r["where"], r["dependence"], _number_text(r["ratio"]), str(r["freedom"]), p)
-        yield from cut_tables([table], everything, 8)
-    if everything and d["limits"]:
-        columns = ("effect", "where", "shape", "parameter", "least seen", "unit")
-        title = "what would have been seen with 95 % chance"
-        table = plain_table(*columns, title=title, left=(*columns[:4], "unit"))
-        for x in d["limits"]:
-            own = (
-                x["effect"],
-                x["location"],
-                x["shape"],
-                x["parameter"],
-                _number_text(x["value"]),
-                x["unit"],
-            )
-            table.add_row(*own)
-        yield table
-    if d["priors"]:
-        yield d["priors"]
-    yield from (Text(line) for line in note_lines(d["notes"], everything=everything))
-
-
-def _causes(causes: Sequence[Mapping[str, Any]], everything: bool) -> Iterator[RenderableType]:
-    from smsid.cli.tables import plain_table
-
-    columns = ("cause", "where", "parameter", "value", "95 % interval", "unit")
-    table = plain_table(*columns, left=(*columns[:3], "unit"))
-    for c in causes:
-        label = c["shape"] or (f"{c['family']}, fitted as {c['fitted']}" if c["fitted"] else c["family"])
-        for k, p in enumerate(c["parameters"]):
-            low, high = p["interval"]
-            cause = (f"{c['effect']} ({label})", c["location"]) if k == 0 else ("", "")
-            numbers = _number_text(p["value"], 5), f"{_number_text(low, 5)} ... {_number_text(high, 5)}"
-            table.add_row(*cause, p["name"].partition(".")[2], *numbers, p["unit"])
-    yield table
-    for c in causes:
-        others = [f"{a['shape']} at {a['location']}" for a in c["aliases"]]
-        shown = others if everything else others[:3]
-        if shown:
-            more = f" and {len(others) - len(shown)} more" if len(others) > len(shown) else ""
-            yield f"{c['effect']} at {c['location']} is not told from {'; '.join(shown)}{more}"
-
-
-def _number_text(x: float | None, digits: int = 3) -> str:
-    """Return a number; a dash for what is not known."""
-    return "-" if x is None else f"{x:.{digits}g}"
+    yield Text(f"{diagnosis.verdict.replace('_', ' ')}: {diagnosis.sentence}", style="bold")
+    for table in cause_tables(diagnosis):
+        shown = CAUSE if "parameter" in table.columns else ()
+        yield from cut_tables([report_table(table, columns=shown, everything=everything)], everything, 12)
+    if diagnosis.gain is not None:
+        for part in gain_parts(diagnosis.gain):
+            if isinstance(part, Table):
+                yield report_table(part)
+            elif isinstance(part, Words):
+                yield from part.lines
+    elif diagnosis.gain_reason:
+        yield f"gain not evaluated: {diagnosis.gain_reason}"
+    if diagnosis.remaining:
+        yield from cut_tables([report_table(remaining_table(diagnosis))], everything, 8)
+    if everything and diagnosis.limits:
+        yield report_table(limit_table(diagnosis))
+    if diagnosis.priors:
+        yield diagnosis.priors
+    yield from (Text(line) for line in note_lines(diagnosis.notes, everything=everything))

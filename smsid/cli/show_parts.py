@@ -117,9 +117,9 @@ def campaign_parts(found: tuple[StoreHeader, Summary], *, everything: bool) -> I
 
 def summary_parts(found: Summary, *, everything: bool) -> Iterator[Any]:
     """Yield a campaign's summary."""
-    from smsid.cli.campaign import summary_tables
+    from smsid.cli import campaign
 
-    yield from cut_tables(summary_tables(found), everything)
+    yield from campaign.summary_parts(found, everything=everything)
 
 
 def plan_parts(plan: Campaign, *, everything: bool) -> Iterator[Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from smsid.experiments.fly import LimitUse
+    from smsid.report.model import Table as ReportTable
 
 TITLES = {
     "arm": "torques of a welded arm: combinations of links, friction, motors",
@@ -39,6 +41,8 @@ ROWS = 28  # of a table, unless everything is asked for
 STATUS_STYLE = {"identifiable": "green", "not_identifiable": "yellow"}
 CELL = 38  # characters of a name in a table
 GAP = 2  # between columns
+TONE_STYLE = {"good": "green", "warn": "yellow", "bad": "red", "neutral": ""}
+PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−–\N{NO-BREAK SPACE}", "-0123456789-- ")
 DOUBTS = 5  # lines of what cannot be told
 
 
@@ -58,6 +62,29 @@ def plain_table(
     if fold:
         table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
     return table
+
+
+def report_table(table: ReportTable, *, columns: Sequence[str] = (), everything: bool = True) -> Table:
+    """Return a table of a report for the terminal, in plain characters: some of its ``columns``, or all.
+
+    ``everything``: the first column in full, over several lines; else a name is as short as it may be.
+    """
+    names = [c.removeprefix("#") for c in table.columns]
+    kept = [k for k, name in enumerate(names) if not columns or name in columns]
+    left = [names[k] for k in kept if not table.columns[k].startswith("#")]
+    made = plain_table(*(names[k] for k in kept), title=table.title, left=left, fold=everything)
+    for row in table.rows:
+        texts = [plain_text(row[k].text) for k in kept]
+        first = texts[0] if everything else short_name(texts[0], CELL)
+        tones = [TONE_STYLE[row[k].tone] for k in kept]
+        made.add_row(*(Text(text, style) for text, style in zip((first, *texts[1:]), tones, strict=True)))
+    return made
+
+
+def plain_text(text: str) -> str:
+    """Return a number or unit of a report as every terminal shows it: ``-1.25e-5``, ``m/s^2``."""
+    text = re.sub(r"(·10)?([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda m: ("e" if m[1] else "^") + m[2], text)
+    return text.translate(PLAIN)
 
 
 def estimate_parts(estimate: Estimate, *, everything: bool = False) -> Iterator[RenderableType]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from smsid._statistics import NORMAL95
 from smsid.cli.errors import CommandResult
 from smsid.cli.inputs import read_estimate, read_recordings, write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll, StartingEstimate, Unchecked
@@ -193,15 +192,10 @@ def document(history: TrackHistory) -> dict:
 def history_parts(history: TrackHistory, *, everything: bool = False) -> Iterator[RenderableType]:
     """Yield what to print of a history: parameters at the end, events, notes."""
     from smsid.cli.output import note_lines
-    from smsid.cli.tables import cut_tables, plain_table
+    from smsid.cli.tables import cut_tables, report_table
+    from smsid.report.track import values_table
 
-    columns = ("parameter", "described", "first", "last", "± 95 %", "unit")
-    table = plain_table(*columns, left=("parameter", "unit"))
-    for i, full in enumerate(history.names):
-        name = full if everything or len(full) <= LONGEST else f"{full[: LONGEST - 4]} ..."
-        x, s = history.values[:, i], history.sigmas[:, i]
-        numbers = (f"{history.described[i]:.5g}", f"{x[0]:.5g}", f"{x[-1]:.5g}", f"{NORMAL95 * s[-1]:.2g}")
-        table.add_row(name, *numbers, history.units[i])
+    table = report_table(values_table(history), everything=everything)
     yield from cut_tables([table], everything, SHOWN)
     yield from (e.text for e in history.events if e.kind == "change")
     kinds = Counter(e.kind for e in history.events if e.kind != "change")

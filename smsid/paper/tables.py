@@ -82,19 +82,6 @@ class ComparedRow:
         )
 
 
-def table_2_cells(estimate: Estimate) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return columns and rows, as text, of the paper's Table 2 beside the estimate."""
-    rows = []
-    for row in TABLE_2:
-        known = (row.label, f"{row.truth:g}", row.paper, row.paper_error)
-        c = ComparedRow.of(row, estimate)
-        here = ("not found", "", "", "")
-        if c is not None:
-            here = (f"{c.value:.6g}", f"{c.half:.1g}", f"{100.0 * c.error:.3g}", c.status)
-        rows.append((*known, *here))
-    return ("parameter", "true", "paper", "error %", "here", "± 95 %", "error %", "status"), rows
-
-
 def paper_section(paper: IdentifiedExperiments) -> Section:
     """Return the paper's Tables 2 and 3 beside what is found from a guess that is off by several per cent."""
     text = (
@@ -106,14 +93,15 @@ def paper_section(paper: IdentifiedExperiments) -> Section:
     more = tuple(paper.notes)
     parts = (
         Text((text,)),
-        _table_2(paper.estimate),
+        table_2(paper.estimate),
         _table_3(paper),
         *((Text(more, bullets=True),) if more else ()),
     )
     return Section("tables", "The paper's Tables 2 and 3", parts, "found from a wrong guess")
 
 
-def _table_2(estimate: Estimate) -> Table:
+def table_2(estimate: Estimate) -> Table:
+    """Return the paper's Table 2 beside an estimate."""
     out = []
     for row in TABLE_2:
         cells = [Cell(row.label), Cell(number(row.truth, 6), row.truth), Cell(unit(row.paper))]

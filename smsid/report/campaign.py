@@ -32,18 +32,15 @@ def campaign_report(name: str, summary: Summary, records: Sequence[RunRecord], o
     if figures:
         sections.append(Section("convergence", "Convergence", figures, f"over {summary.runs} runs"))
     known = [p for p in summary.parameters if p.truth is not None]
+    tables = summary_tables(summary)
     if known:
-        parts_ = (_errors(known), _table(known))
+        parts_ = (_errors(known), tables["parameters"])
         sections.append(Section("parameters", "Parameters", parts_, f"{len(known)} with a truth"))
-    figures_ = [p for p in summary.parameters if p.truth is None and p.runs]
-    if figures_:
-        rows = [cells(p.name, unit(p.unit), (p.mean, 6), (p.spread, 3), p.runs) for p in figures_]
-        table = Table("Figures", ("figure", "unit", "#mean", "#spread", "#runs"), rows)
-        sections.append(Section("figures", "Figures without a truth", (table,), open=not known))
-    if summary.failures:
-        rows = [cells(f.type, f.count, f.run, f.message) for f in summary.failures]
-        table = Table("Errors", ("error", "#runs", "#first", "its message"), rows)
-        sections.append(Section("failures", "Failed runs", (table,), f"{summary.failed}"))
+    if "figures" in tables:
+        own = (tables["figures"],)
+        sections.append(Section("figures", "Figures without a truth", own, open=not known))
+    if "failures" in tables:
+        sections.append(Section("failures", "Failed runs", (tables["failures"],), f"{summary.failed}"))
     glance = (
         ("runs", str(summary.runs)),
         ("failed", str(summary.failed)),
@@ -126,6 +123,19 @@ def _errors(known: Sequence[ParameterSummary]) -> Figure:
     legend = (("spread (standard deviation)", 0, "bar"), ("bias (mean error)", 1, "dot"))
     chart = RowChart(axis, rows, "spread and bias of every parameter", legend)
     return Figure("error-chart", "Spread and bias", chart, "Left is better.")
+
+
+def summary_tables(summary: Summary) -> dict[str, Table]:
+    """Return the tables of parameters, of figures without a truth, and of failures, if there are any."""
+    known = [p for p in summary.parameters if p.truth is not None]
+    found = {"parameters": _table(known)} if known or not summary.runs else {}
+    if figures := [p for p in summary.parameters if p.truth is None and p.runs]:
+        rows = [cells(p.name, unit(p.unit), (p.mean, 6), (p.spread, 3), p.runs) for p in figures]
+        found["figures"] = Table("Figures", ("figure", "unit", "#mean", "#spread", "#runs"), rows)
+    if summary.failures:
+        rows = [cells(f.type, f.count, f.run, f.message) for f in summary.failures]
+        found["failures"] = Table("Errors", ("error", "#runs", "#first", "its message"), rows)
+    return found
 
 
 def _table(known: Sequence[ParameterSummary]) -> Table:

@@ -12,10 +12,10 @@ def compare_report(found: Comparison, origin: Provenance) -> Report:
     findings = tuple(
         part
         for f in found.findings
-        for part in (Text((f.sentence,)), *([_numbers(f)] if f.quantities else []))
+        for part in (Text((f.sentence,)), *([numbers_table(f)] if f.quantities else []))
     )
     sections = [Section("findings", "What it means", findings)] if findings else []
-    sections.append(Section("parameters", "Every parameter", (_parameters(found),)))
+    sections.append(Section("parameters", "Every parameter", (parameters_table(found),)))
     if found.not_comparable:
         rows = [cells(n.name, n.estimate, n.reason) for n in found.not_comparable]
         table = Table("not comparable", ("parameter", "estimate", "why"), rows)
@@ -29,7 +29,8 @@ def compare_report(found: Comparison, origin: Provenance) -> Report:
     return Report(title, subject, found.sentence, tone, sections, origin, glance)
 
 
-def _numbers(finding: Finding) -> Table:
+def numbers_table(finding: Finding) -> Table:
+    """Return the numbers of a finding with their intervals."""
     rows = [
         cells(q.name, (q.value, 5), (1.96 * q.sigma, 2), q.unit, "")
         if q.told
@@ -39,7 +40,8 @@ def _numbers(finding: Finding) -> Table:
     return Table(finding.subject or "numbers", ("quantity", "#value", "#± 95 %", "unit", ""), rows)
 
 
-def _parameters(found: Comparison) -> Table:
+def parameters_table(found: Comparison) -> Table:
+    """Return every parameter before and after, those that changed most first."""
     rows = []
     for p in sorted(found.parameters, key=lambda p: p.p_value):
         change = (p.before, 6), (p.after, 6), (p.change, 3), (1.96 * p.sigma, 2), (p.deviations, 3)

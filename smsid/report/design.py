@@ -55,7 +55,8 @@ def design_report(
         origin: versions, command, files, seed.
     """
     experiment = found.experiment
-    told = _precision(found, asked.to) if isinstance(found, Design) else _separation(found)
+    chart = _precision(found, asked.to) if isinstance(found, Design) else _separation(found)
+    told = (chart, result_table(found, asked.to))
     title = "Predicted precision" if isinstance(found, Design) else "Detection limits"
     facts = [
         f"{label}: {e.note.removeprefix('designed: ')}; {number(e.duration, 6)} s"
@@ -109,8 +110,8 @@ def verdict(found: Design | Separation, asked: DesignInputs) -> tuple[str, Tone]
     return sentence + stopped, "good" if good else "warn"
 
 
-def _precision(found: Design, to: float | None) -> tuple[Figure | Table, ...]:
-    goal, rows, table = found.goal, [], []
+def _precision(found: Design, to: float | None) -> Figure:
+    goal, rows = found.goal, []
     wanted = IDENTIFIABLE_BELOW if to is None else to
     for i, name in enumerate(goal.names):
         now, then = float(found.relative[i]), float(found.relative_before[i])
@@ -120,9 +121,6 @@ def _precision(found: Design, to: float | None) -> tuple[Figure | Table, ...]:
             Mark(then, series=2, shape="ring", tip=f"before: {share(then)}"),
         )
         rows.append(ChartRow(name, items, share(now), tone="neutral" if met else "warn"))
-        known = (goal.values[i], 6), (found.sigma[i], 3), (found.before[i], 3), unit(goal.units[i])
-        relative = Cell(share(now), now, "good" if met else "warn"), Cell(share(then), then)
-        table.append(cells(name, *known, *relative, (then / now, 3)))
     label = "wanted" if to is not None else "limit of identifiable"
     legend = [("σ predicted", 0, "bar"), ("before", 2, "ring")]
     legend += [(f"σ predicted, above {label}", 1, "bar")] if any(r.tone == "warn" for r in rows) else []
@@ -135,14 +133,27 @@ def _precision(found: Design, to: float | None) -> tuple[Figure | Table, ...]:
         "for the described values; biases and initial pose unknown. Before: the paper's kind of excitation "
         "of the same duration within the same limits."
     )
+    return Figure("sigmas", "Standard deviations to be expected", chart, caption)
+
+
+def result_table(found: Design | Separation, to: float | None = None) -> Table:
+    """Return what a design predicts beside what was before: standard deviations, or detection limits."""
+    if isinstance(found, Separation):
+        rows = [cells(r.cause, r.parameter, (r.limit, 3), (r.before, 3), unit(r.unit)) for r in found.rows]
+        columns = ("cause", "parameter", "#told from the other", "#before", "unit")
+        return Table("Detection limits", columns, rows)
+    goal, rows = found.goal, []
+    for i, name in enumerate(goal.names):
+        now, then = float(found.relative[i]), float(found.relative_before[i])
+        met = now <= (IDENTIFIABLE_BELOW if to is None else to)
+        known = (goal.values[i], 6), (found.sigma[i], 3), (found.before[i], 3), unit(goal.units[i])
+        relative = Cell(share(now), now, "good" if met else "warn"), Cell(share(then), then)
+        rows.append(cells(name, *known, *relative, (then / now, 3)))
     columns = ("parameter", "#described", "#σ", "#σ before", "unit", "#relative", "#before", "#times better")
-    return (
-        Figure("sigmas", "Standard deviations to be expected", chart, caption),
-        Table("Predicted standard deviations", columns, table),
-    )
+    return Table("Predicted standard deviations", columns, rows)
 
 
-def _separation(found: Separation) -> tuple[Figure | Table, ...]:
+def _separation(found: Separation) -> Figure:
     rows = []
     for r in found.rows:
         name = r.cause if r.cause.startswith(r.parameter) else f"{r.cause}: {r.parameter}"
@@ -153,12 +164,7 @@ def _separation(found: Separation) -> tuple[Figure | Table, ...]:
     alt = "least values told from the other cause, relative to before"
     chart = RowChart(axis, rows, alt, rules=((1.0, "before"),))
     caption = "The least value that would be seen and told from the other cause. Left is better."
-    table = [cells(r.cause, r.parameter, (r.limit, 3), (r.before, 3), unit(r.unit)) for r in found.rows]
-    columns = ("cause", "parameter", "#told from the other", "#before", "unit")
-    return (
-        Figure("detection", "What is told apart", chart, caption),
-        Table("Detection limits", columns, table),
-    )
+    return Figure("detection", "What is told apart", chart, caption)
 
 
 def _limits(uses: tuple[LimitUse, ...], limits: Limits) -> list[Figure | Table | Text]:

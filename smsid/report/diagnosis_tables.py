@@ -93,13 +93,14 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
         factor = c.given / c.extended if c.extended > 0.0 else math.nan
         rows.append(ChartRow(f"{c.channel} [{shown}]", marks, f"÷ {number(factor, 3)}"))
         values += [m.value for m in marks]
-        table.append(cells(c.channel, shown, (c.given, 4), (c.extended, 4), (c.noise, 4), (factor, 3)))
+        sizes = ((x, 4) for x in (c.given, c.refitted, c.extended, c.noise))
+        table.append(cells(c.channel, shown, *sizes, (factor, 3)))
     axis = Axis.over("open-loop error, rms (in each channel's unit)", values, log=True)
     alt = "open-loop errors by channel, as given and extended, beside the noise"
     chart = RowChart(axis, rows, alt, (("as given", 1, "ring"), ("extended", 0, "dot"), ("noise", 2, "tick")))
     title = "Simulated open loop: error by channel"
     figure = Figure("gain-chart", title, chart, "To the right: the factor gained.")
-    columns = ("channel", "unit", "#as given, rms", "#extended, rms", "#noise", "#factor")
+    columns = ("channel", "unit", "#as given, rms", "#refitted", "#extended", "#noise", "#factor")
     return [Text((text,)), whole, figure, Table("Open-loop error by channel", columns, table)]
 
 

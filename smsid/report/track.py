@@ -8,7 +8,7 @@ from smsid._statistics import NORMAL95
 from smsid._time_text import time_text
 from smsid.report.axes import Axis
 from smsid.report.model import Figure, Grid, Provenance, Report, Section, Table, Text, Tone, cells
-from smsid.report.numbers import number
+from smsid.report.numbers import number, unit
 from smsid.report.plot import Band, Curve, Plot, Rule
 from smsid.tracking.history import TrackHistory
 
@@ -26,7 +26,7 @@ def track_report(history: TrackHistory, origin: Provenance) -> Report:
     sections = [
         Section("parameters", "Parameters over time", (Grid("bands of two standard deviations", drawn),)),
         Section("fit", "Innovations", (_fit(history, starts),), "one while the model is right"),
-        Section("values", "At the end", (_table(history),), f"{len(history.names)} followed"),
+        Section("values", "At the end", (values_table(history),), f"{len(history.names)} followed"),
     ]
     lines = [f"{time_text(e.time, history.time[0])}: {e.kind} {e.channel}: {e.text}" for e in history.events]
     if lines or history.notes:
@@ -98,9 +98,10 @@ def _fit(history: TrackHistory, starts: list[float]) -> Figure:
     return Figure("fit", title, Plot(Axis.over("time [s]", [history.time]), axis, marks, alt))
 
 
-def _table(history: TrackHistory) -> Table:
+def values_table(history: TrackHistory) -> Table:
+    """Return every parameter as described, at the beginning and at the end."""
     rows = []
     for i, name in enumerate(history.names):
-        last = (history.values[-1, i], 5), (NORMAL95 * history.sigmas[-1, i], 2)
-        rows.append(cells(name, (history.described[i], 5), *last, history.units[i]))
-    return Table("at the end", ("parameter", "#described", "#last", "#± 95 %", "unit"), rows)
+        known = (history.described[i], 5), (history.values[0, i], 5), (history.values[-1, i], 5)
+        rows.append(cells(name, *known, (NORMAL95 * history.sigmas[-1, i], 2), unit(history.units[i])))
+    return Table("Parameters", ("parameter", "#described", "#first", "#last", "#± 95 %", "unit"), rows)
