@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from typing import Any
 
     from rich.console import RenderableType
-    from rich.table import Table
 
 
 CONTROLLER_RATE = 100.0  # [Hz] of a controller's calls
@@ -138,7 +136,8 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
     from rich.text import Text
 
     from smsid.cli.output import clip_line
-    from smsid.cli.tables import ROWS, cut_tables, plain_table
+    from smsid.cli.tables import ROWS, cut_tables, report_table
+    from smsid.report.control import blocks_table, model_lines, modes_table, poles_table
 
     r = d.get("robustness")
     if r is not None:
@@ -155,33 +154,16 @@ def document_parts(d: Mapping[str, Any], *, everything: bool = False) -> Iterato
         listed = ", ".join(f"{name} {value:+.2f}" for name, value in worst)
         text = f"worst parameters found leave a damping ratio of {r['damping']:.2g}: {listed}"
         yield Text(text if everything else clip_line(text))
-    model = d.get("model", {})
-    if model.get("identified"):
-        left = model["as_described"]
-        more = f"; as described: {', '.join(left)}" if left else ""
-        text = f"controller's model: {len(model['identified'])} parameters of the estimate{more}"
-        yield Text(text if everything else clip_line(text))
     proportional, derivative = d["K_P"]["value"], d["K_D"]["value"]
     yield f"gains: K_P {_range(proportional)} 1/s^2, K_D {_range(derivative)} 1/s"
-    modes = d.get("natural_frequencies", ())
-    if modes:
-        from smsid.control.tuning import CLEARANCE
-
-        columns = ("mode", "base and joints", "rad/s", "95 %", "gains keep out of")
-        table = plain_table(*columns, title="natural frequencies", left=columns[:2])
-        for m in modes:
-            known = f"{m['frequency']:.4g}", f"{m['low']:.4g} .. {m['high']:.4g}"
-            kept_out = f"{m['low'] / CLEARANCE:.3g} .. {m['high'] * CLEARANCE:.3g}"
-            table.add_row(m["name"], "held" if m["held"] else "free", *known, kept_out)
-        yield table
-    yield _blocks(d["blocks"])
-    for text in d["weights"]["origin"]:
+    modes = modes_table(d)
+    if modes.rows:
+        yield report_table(modes)
+    yield report_table(blocks_table(d))
+    for text in model_lines(d):
         yield Text(text if everything else clip_line(text))
-    title = "poles of the loop, slosh and panel inside"
-    table = plain_table("mode", "rad/s", "damping ratio", "", title=title, left=("mode", ""))
-    for p in sorted(d["poles"], key=lambda p: not p["flag"]):  # what is wrong first
-        table.add_row(p["mode"], f"{math.hypot(*p['value']):.4g}", f"{p['damping']:.4g}", p["flag"])
-    yield from cut_tables([table], everything, ROWS - len(modes) - 6)
+    poles = report_table(poles_table(d), everything=everything)
+    yield from cut_tables([poles], everything, ROWS - len(modes.rows) - 6)
 
 
 def _range(matrix: Sequence[Any]) -> str:
@@ -189,30 +171,3 @@ def _range(matrix: Sequence[Any]) -> str:
     own = [row[k] if isinstance(row, list) else row for k, row in enumerate(matrix)]
     low, high = min(own), max(own)
     return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-
-
-def _blocks(blocks: Sequence[Mapping[str, Any]]) -> Table:
-    from smsid.cli.tables import plain_table
-
-    columns = (
-        "coordinates",
-        "gamma",
-        "e [rad]",
-        "crossover",
-        "S peak",
-        "T peak",
-        "gain margin",
-        "phase margin",
-    )
-    table = plain_table(*columns, left=columns[:1], fold=True)
-    for b in blocks:
-        low, high = ("inf" if x is None else f"{x:.2f}" for x in b["gain_margin"])
-        bounds = (
-            f"{b['gamma']:.4f}",
-            f"{max(b['error_bound']['value']):.1e}",
-            f"{b['crossover']['value']:.2g}",
-        )
-        peaks = f"{b['sensitivity_peak']:.2f}", f"{b['complementary_peak']:.2f}"
-        margins = f"{low} to {high}", f"{b['phase_margin']['value']:.0f} deg"
-        table.add_row(", ".join(b["coordinates"]), *bounds, *peaks, *margins)
-    return table

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from smsid.control.controller_file import controller_document
 from smsid.control.design import ControllerDesign
 from smsid.control.robustness import Robustness
+from smsid.control.tuning import CLEARANCE
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, share
@@ -21,11 +25,16 @@ SHOWN = 14
 def control_report(made: ControllerDesign, origin: Provenance) -> Report:
     """Return the report of a design."""
     sentence, tone = verdict(made)
-    sections = [Section("blocks", "What is designed", _design_parts(made), f"{len(made.term.blocks)} groups")]
+    d = controller_document(made)
+    designed = blocks_table(d), Text(model_lines(d), bullets=True)
+    sections = [Section("blocks", "What is designed", designed, f"{len(made.term.blocks)} groups")]
     if made.tuning is not None:
         gist = "where gains keep out of"
-        sections.append(Section("modes", "Natural frequencies and gains", _modes(made), gist))
-    sections.append(Section("poles", "Poles of the loop", _poles(made), "slosh and panel inside the plant"))
+        sections.append(
+            Section("modes", "Natural frequencies and gains", (_modes(made), modes_table(d)), gist)
+        )
+    gist = "slosh and panel inside the plant"
+    sections.append(Section("poles", "Poles of the loop", (_poles(made), poles_table(d)), gist))
     if made.robustness is not None:
         gist = f"mu between {number(made.robustness.mu_lower, 3)} and {number(made.robustness.mu_upper, 3)}"
         sections.append(Section("robust", "Robust stability", _robust(made.robustness), gist))
@@ -60,30 +69,59 @@ def verdict(made: ControllerDesign) -> tuple[str, Tone]:
     return sentence + driven, "warn" if flagged else "good"
 
 
-def _design_parts(made: ControllerDesign) -> tuple[Text | Table | Figure, ...]:
+def blocks_table(document: Mapping[str, Any]) -> Table:
+    """Return the groups of coordinates of a controller's document with their bounds and margins."""
     rows = []
-    for b in made.term.blocks:
-        low, high = b.gain_margin
-        names = ", ".join(made.coordinates[k] for k in b.coordinates)
-        loop = (b.crossover, 3), (b.sensitivity, 3), (b.complementary, 3)
-        margins = f"{number(low, 2)} … {number(high, 3)}", (b.phase_margin, 3)
-        rows.append(cells(names, (b.synthesis.norm, 4), (float(b.error.max()), 3), *loop, *margins))
-    columns = ("coordinates", "#gamma", "#bound on e [rad]", "#crossover [rad/s]", "#S, peak", "#T, peak",
+    for b in document["blocks"]:
+        low, high = (math.inf if x is None else x for x in b["gain_margin"])
+        loop = (b["crossover"]["value"], 3), (b["sensitivity_peak"], 3), (b["complementary_peak"], 3)
+        margins = f"{number(low, 2)} … {number(high, 3)}", (b["phase_margin"]["value"], 3)
+        known = (b["gamma"], 4), (max(b["error_bound"]["value"]), 3)
+        rows.append(cells(", ".join(b["coordinates"]), *known, *loop, *margins))
+    columns = ("coordinates", "#gamma", "#e [rad]", "#crossover [rad/s]", "#S, peak", "#T, peak",
                "#gain margin", "#phase margin [deg]")  # fmt: skip
-    note = "Margins hold for all channels of a group at once. S and T are taken at the plant's input."
-    lines = list(made.term.weights.origin)
-    if made.identified is not None:
-        left = made.identified.left
+    note = (
+        "e: bound on the error. Margins hold for all channels of a group at once. S and T are taken at the "
+        "plant's input."
+    )
+    return Table("H-infinity term and margins", columns, rows, note)
+
+
+def modes_table(document: Mapping[str, Any]) -> Table:
+    """Return the natural frequencies of a controller's document and the bands that gains keep out of."""
+    rows = []
+    for m in document.get("natural_frequencies", ()):
+        ends = m["low"], m["high"], m["low"] / CLEARANCE, m["high"] * CLEARANCE
+        state = "held" if m["held"] else "free"
+        rows.append(cells(m["name"], state, *((x, 5) for x in (m["frequency"], *ends))))
+    columns = ("mode", "base and joints", "#rad/s", "#95 % from", "#to", "#band from", "#to")
+    return Table("Natural frequencies", columns, rows)
+
+
+def poles_table(document: Mapping[str, Any]) -> Table:
+    """Return the poles of a controller's document, those that are flagged first."""
+    rows = []
+    for p in sorted(document["poles"], key=lambda p: not p["flag"]):
+        damped: Tone = "bad" if p["damping"] <= 0.0 else "neutral"
+        flag = Cell(p["flag"], tone="warn" if p["flag"] else "neutral")
+        rows.append(cells(p["mode"], (math.hypot(*p["value"]), 4), (p["damping"], 4, damped), flag))
+    return Table("Poles of the loop, slosh and panel inside", ("mode", "#rad/s", "#damping ratio", ""), rows)
+
+
+def model_lines(document: Mapping[str, Any]) -> list[str]:
+    """Return where the controller's model and weights are from."""
+    lines, model = list(document["weights"]["origin"]), document.get("model", {})
+    if model.get("identified"):
+        left = model["as_described"]
         told = f"; as described: {', '.join(left)}" if left else ""
-        count = len(made.identified.applied)
-        lines.insert(0, f"controller's model: {count} parameters of the estimate{told}")
-    return Table("H-infinity term and margins", columns, rows, note), Text(lines, bullets=True)
+        lines.insert(0, f"controller's model: {len(model['identified'])} parameters of the estimate{told}")
+    return lines
 
 
-def _modes(made: ControllerDesign) -> tuple[Table | Figure, ...]:
+def _modes(made: ControllerDesign) -> Figure:
     tuning = made.tuning
     assert tuning is not None
-    rows, table, values = [], [], []
+    rows, values = [], []
     for m in tuning.modes:
         low, high = m.band
         state = "held" if m.held else "free"
@@ -91,21 +129,16 @@ def _modes(made: ControllerDesign) -> tuple[Table | Figure, ...]:
         mark = Mark(m.frequency, m.low, m.high, 0, "dot" if m.held else "ring", tip)
         rows.append(ChartRow(f"{m.name}, base and joints {state}", (mark,), number(m.frequency, 4), m.band))
         values += [low, high]
-        table.append(cells(m.name, state, *((x, 5) for x in (m.frequency, m.low, m.high, low, high))))
     gains = [(tuning.attitude, "attitude gains")]
     gains += [] if math.isnan(tuning.joints) else [(tuning.joints, "joint gains")]
     axis = Axis.over("frequency [rad/s]", [values, [g for g, _ in gains]], log=True)
     legend = (("base and joints held", 0, "dot"), ("free", 0, "ring"))
     chart = RowChart(axis, rows, "natural frequencies with the bands that gains keep out of", legend, gains)
     caption = "Shaded: where no gain's frequency may lie, the 95 % interval widened by a factor of 1.25."
-    columns = ("mode", "base and joints", "#rad/s", "#95 % from", "#to", "#band from", "#to")
-    return (
-        Figure("bands", "Natural frequencies and where the gains lie", chart, caption),
-        Table("Natural frequencies", columns, table),
-    )
+    return Figure("bands", "Natural frequencies and where the gains lie", chart, caption)
 
 
-def _poles(made: ControllerDesign) -> tuple[Table | Figure, ...]:
+def _poles(made: ControllerDesign) -> Figure:
     x = np.array([abs(p.value) for p in made.poles])
     damping = np.array([p.damping for p in made.poles])
     shown = np.clip(damping, LIGHT, None)
@@ -121,15 +154,7 @@ def _poles(made: ControllerDesign) -> tuple[Table | Figure, ...]:
     y = Axis.over("damping ratio", [shown, [1.0]], log=True, room=0.08)
     axis = Axis.over("frequency [rad/s]", [x], log=True)
     plot = Plot(axis, y, marks, "poles of the closed loop", 250)
-    rows = []
-    for p in made.poles:
-        damped: Tone = "bad" if p.damping <= 0.0 else "neutral"
-        flag = Cell(p.flag, tone="warn" if p.flag else "neutral")
-        rows.append(cells(p.name, (abs(p.value), 4), (p.damping, 4, damped), flag))
-    return (
-        Figure("pole-plot", "Frequency and damping of every pole", plot),
-        Table("Poles", ("moves most", "#rad/s", "#damping ratio", "flag"), rows),
-    )
+    return Figure("pole-plot", "Frequency and damping of every pole", plot)
 
 
 def _robust(r: Robustness) -> tuple[Text | Table | Figure, ...]:
