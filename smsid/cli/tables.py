@@ -38,7 +38,6 @@ TITLES = {
 """Titles of groups of parameters; any other group is titled by its name."""
 
 ROWS = 28  # of a table, unless everything is asked for
-STATUS_STYLE = {"identifiable": "green", "not_identifiable": "yellow"}
 CELL = 38  # characters of a name in a table
 GAP = 2  # between columns
 TONE_STYLE = {"good": "green", "warn": "yellow", "bad": "red", "neutral": ""}
@@ -72,19 +71,23 @@ def report_table(table: ReportTable, *, columns: Sequence[str] = (), everything:
     names = [c.removeprefix("#") for c in table.columns]
     kept = [k for k, name in enumerate(names) if not columns or name in columns]
     left = [names[k] for k in kept if not table.columns[k].startswith("#")]
-    made = plain_table(*(names[k] for k in kept), title=table.title, left=left, fold=everything)
-    for row in table.rows:
-        texts = [plain_text(row[k].text) for k in kept]
-        first = texts[0] if everything else short_name(texts[0], CELL)
-        tones = [TONE_STYLE[row[k].tone] for k in kept]
-        made.add_row(*(Text(text, style) for text, style in zip((first, *texts[1:]), tones, strict=True)))
+    made = plain_table(*(names[k] for k in kept), title=table.title or None, left=left, fold=everything)
+    rows = [[plain_text(row[k].text) for k in kept] for row in table.rows]
+    widths = [max(map(len, own)) for own in zip([names[k] for k in kept], *rows, strict=True)][1:]
+    room = max(20, WIDTH - sum(widths) - GAP * (len(kept) + 1))
+    made.columns[0].max_width = room = min(room, 58 if everything else CELL)
+    for row, texts in zip(table.rows, rows, strict=True):
+        first = texts[0] if everything else short_name(texts[0], room)
+        styles = [TONE_STYLE[row[k].tone] for k in kept]
+        made.add_row(*(Text(text, style) for text, style in zip((first, *texts[1:]), styles, strict=True)))
     return made
 
 
 def plain_text(text: str) -> str:
-    """Return a number or unit of a report as every terminal shows it: ``-1.25e-5``, ``m/s^2``."""
-    text = re.sub(r"(·10)?([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda m: ("e" if m[1] else "^") + m[2], text)
-    return text.translate(PLAIN)
+    """Return a number or unit of a report as a terminal shows it and a program reads it: ``m/s^2``."""
+    raised = re.sub(r"(·10)?([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda m: ("e" if m[1] else "^") + m[2], text)
+    plain = raised.translate(PLAIN)
+    return re.sub(r"(?<![\w.])-?\d[\d.]*e-?\d+(?![\w.])", lambda m: f"{float(m[0]):.6g}", plain)
 
 
 def estimate_parts(estimate: Estimate, *, everything: bool = False) -> Iterator[RenderableType]:
@@ -135,34 +138,11 @@ def _reason(p: ParameterEstimate) -> str:
 
 
 def parameter_table(title: str, parameters: Iterable[ParameterEstimate], *, full: bool = False) -> Table:
-    """Return a table of parameters with interval, status and the description's value.
+    """Return a table of parameters with interval, status and the description's value; ``full``: all names."""
+    from smsid.report.parameters import parameter_table as of_report
 
-    ``full``: names in full, over several lines; else a name is as short as the numbers need.
-    """
-    parameters = tuple(parameters)
-    columns = ["value", "± 95 %", "unit", "described"]
-    rows = []
-    for p in parameters:
-        cells = f"{p.value:.6g}", _half(p), p.unit, "" if p.nominal is None else f"{p.nominal:.6g}"
-        rows.append((*cells, "" if p.status == "identifiable" else p.status.replace("_", " ")))
-    widths = [max(map(len, own)) for own in zip((*columns, ""), *rows, strict=True)]
-    room = WIDTH - sum(widths) - GAP * (len(widths) + 1)
-    left = ("parameter", "unit", "")
-    table = plain_table("parameter", *columns, "", title=title or None, left=left, fold=full)
-    room = min(room, 58) if full else max(20, min(room, CELL))
-    table.columns[0].max_width = room
-    for p, cells in zip(parameters, rows, strict=True):
-        name = p.name if full else short_name(p.name, room)
-        table.add_row(Text(name), *cells[:-1], Text(cells[-1], style=STATUS_STYLE.get(p.status, "")))
-    return table
-
-
-def _half(p: ParameterEstimate) -> str:
-    """Return half of the 95 % interval; both ends where it is not symmetric."""
-    low, high = p.interval
-    if p.profile is not None:
-        return f"{low:.3g} .. {high:.3g}"
-    return f"{0.5 * (high - low):.2g}"
+    columns = ("parameter", "value", "95 % interval", "unit", "described", "status")
+    return report_table(of_report(title, parameters), columns=columns, everything=full)
 
 
 def limits_table(limits: Iterable[LimitUse]) -> Table:

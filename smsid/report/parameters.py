@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from smsid._statistics import NORMAL95
-from smsid.diagnose.result import Value
 from smsid.identify.estimate import IDENTIFIABLE_BELOW, ParameterEstimate
 from smsid.report.axes import Axis
 from smsid.report.heat import correlation_map
 from smsid.report.model import Cell, Figure, Section, Table, Tone, cells
 from smsid.report.numbers import half, share, unit
 from smsid.report.rows import Bar, ChartRow, Mark, RowChart
+
+if TYPE_CHECKING:
+    from smsid.diagnose.result import Value
 
 STATUS: dict[str, Tone] = {"identifiable": "good", "not_identifiable": "warn"}
 SMALLEST = 1e-7  # relative: shares below are drawn at the end of the axis

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from smsid._short_repr import short_repr
 from smsid.report.axes import Axis
@@ -149,6 +148,8 @@ def rotation_vectors(samples: np.ndarray, error: np.ndarray | None = None) -> np
 
     ``samples`` (N, 4) are the attitudes, ``error`` (N, 3) [rad] is taken off them.
     """
+    from scipy.spatial.transform import Rotation  # takes time to load: tables alone do without
+
     there = np.isfinite(samples).all(axis=1)
     turned = Rotation.from_quat(samples[there])
     out = np.full((len(samples), 3), np.nan)

@@ -17,6 +17,7 @@ import pytest
 from smsid.cli.app import main
 from smsid.cli.file_kind import SHOWN, kind_of
 from smsid.cli.output import clip_line, note_lines
+from smsid.cli.tables import plain_text
 from smsid.description.robots import robot_urdf
 from smsid.errors import SmsidError
 from smsid.identify.estimate import load_estimate
@@ -118,7 +119,7 @@ FILES = {
     "exp2.nc": ("recording", "encoder.joint_position"),
     "e.json": ("estimate", "total.mass"),
     "d.json": ("diagnosis", "standard deviations of the nominal parameters"),
-    "c.json": ("controller", "poles of the loop"),
+    "c.json": ("controller", "Poles of the loop"),
     "craft.toml": ("description", "slosh mass"),
     "x.toml": ("experiment", "duration"),
     "map.toml": ("mapping", "imu.acceleration"),
@@ -294,3 +295,17 @@ def test_notes_of_one_kind_are_one_line():
     many = note_lines(f"note {k}" for k in range(30))
     assert len(many) == 6 and many[-1] == "note: 25 more with --all"
     assert len(clip_line("x" * 500)) <= COLUMNS
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("−1.25·10⁻⁵", "-1.25e-05"),
+        ("± 1.6·10⁻⁴", "± 0.00016"),
+        ("kg m²/s³", "kg m^2/s^3"),
+        ("run1e-3", "run1e-3"),
+        ("–", "-"),
+    ],
+)
+def test_numbers_of_a_page_are_those_a_program_reads(text, plain):
+    assert plain_text(text) == plain
