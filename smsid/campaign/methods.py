@@ -22,7 +22,7 @@ Method = Callable[..., Findings]
 """Called as ``method(case, **options)`` with a `Case`; must be a pure function of ``case`` and options."""
 
 # References, not functions: workers import what they need, and `import smsid.campaign` stays light.
-METHODS = {"ml": "smsid.campaign.ml:run_ml", "paper": "smsid.campaign.paper:run_paper"}
+METHODS = {name: f"smsid.campaign.identification:run_{name}" for name in ("ml", "paper")}
 
 
 def reference_of(name: str) -> str:

@@ -9,12 +9,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from smsid.description.files import load_description
 from smsid.description.schema import Description
 from smsid.description.urdf_check import check_inertias, check_meshes, package_folders, read_urdf
 from smsid.description.urdf_reading import parse_urdf
 from smsid.errors import DescriptionError, SmsidError
-from smsid.sensing.error_doubts import errors_doubts
+from smsid.sensing.error_model import ErrorModel
 
 
 @dataclass(frozen=True)
@@ -127,3 +129,41 @@ def _warnings() -> Iterator[list[str]]:
     finally:
         logger.removeHandler(handler)
         logger.propagate = propagate
+
+
+SCALE = 0.05
+"""Scale error [1] beyond those of data sheets, 1 % and less."""
+TURN = 0.1
+"""Misalignment [rad] from which axes are turned on purpose, which ``orientation`` says."""
+LATE = 1.0
+"""Age of a sample [s] beyond that of any sensor aboard."""
+
+SHARE = "a share, 0.01 is 1 %"
+RADIANS = "in rad; axes that are turned on purpose are the sensor's `orientation`"
+
+
+def errors_doubts(errors: ErrorModel, rate: float | None) -> Iterator[str]:
+    """Yield what is doubtful in the stated errors of one quantity, sampled at ``rate`` [Hz], in words."""
+    if errors.noise_density is None or rate is not None:
+        noise = float(np.max(errors.white_sigma(rate or 1.0)))
+        for what, size in (
+            ("noise of one sigma", noise),
+            ("bias_sigma", float(np.max(errors.bias_sigma))),
+            ("quantisation", errors.quantisation),
+        ):
+            if errors.saturation is not None and size >= errors.saturation:
+                yield (
+                    f"saturation {errors.saturation:g} is no more than its {what}, {size:.3g}: nothing else "
+                    "would be read"
+                )
+    for key, limit, told in (
+        ("scale_error", SCALE, SHARE),
+        ("scale_sigma", SCALE, SHARE),
+        ("misalignment", TURN, RADIANS),
+        ("misalignment_sigma", TURN, RADIANS),
+        ("delay", LATE, "in s"),
+        ("time_offset", LATE, "in s"),
+    ):
+        size = float(np.max(np.abs(getattr(errors, key))))
+        if size >= limit:
+            yield f"{key} of {size:g} is more than sensors have ({limit:g}): it is {told}"

@@ -2,8 +2,8 @@
 
 import pytest
 
+from smsid.model.review import errors_doubts
 from smsid.sensing import ErrorModel, preset_names
-from smsid.sensing.error_doubts import errors_doubts
 from smsid.sensing.sensor import MEASURES, preset
 
 
