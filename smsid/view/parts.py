@@ -12,7 +12,7 @@ from smsid.effects.assembly import AppendageJoints
 from smsid.model.spacecraft import SloshJoint, SpacecraftModel
 from smsid.model.stations import station_indices
 from smsid.view.drivers import Driver, StripDriver
-from smsid.view.look import Look
+from smsid.view.look import STRIPS, Look
 from smsid.view.motion import DrawnMotion
 from smsid.view.shapes import (
     Box,
@@ -187,15 +187,13 @@ def appendage_parts(
     q = np.array([model.pin.joints[j].idx_q for j in appendage.joints], dtype=int)
     marks = _marked_stations(model, appendage) if look.sensors else np.zeros((0, 3))
     local = (marks - surface.frame[:3, 3]) @ surface.frame[:3, :3]
-    step = surface.length / look.strips
-    owner = np.clip(local[:, 0] / step - 1e-6, 0, look.strips - 1).astype(int)
-    for k in range(look.strips):
-        driver = StripDriver(surface, look.strips, k, q, np.asarray(appendage.scale))
+    step = surface.length / STRIPS
+    owner = np.clip(local[:, 0] / step - 1e-6, 0, STRIPS - 1).astype(int)
+    for k in range(STRIPS):
+        driver = StripDriver(surface, STRIPS, k, q, np.asarray(appendage.scale))
         rest = move_pose(((k + 0.5) * step, 0.0, 0.0))
         strip = f"{path}/strip{k:02d}"
-        parts.append(
-            SceneNode(strip, rest, solar_strip(surface, look.strips, k), Material(shine=0.7), driver)
-        )
+        parts.append(SceneNode(strip, rest, solar_strip(surface, STRIPS, k), Material(shine=0.7), driver))
         for i in np.flatnonzero(owner == k):
             size = 0.014 * surface.length
             at = local[i] - rest[:3, 3] + [0.0, 0.0, 0.5 * size + 0.5 * surface.thickness]

@@ -64,7 +64,7 @@ class Replay:
         poses = self.scene.poses(self.frames)
         for other in self.companions:
             poses |= other.scene.poses(other.frames)
-        if self.scene.look.follow and self.scene.model.free:
+        if self.scene.model.free:
             # the world moves past the camera, which cannot leave its place
             world = np.tile(np.eye(4), (len(self.motion.time), 1, 1))
             travel = self.motion.q[:, :3] - self.scene.model.home[:3]

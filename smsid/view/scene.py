@@ -12,7 +12,7 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.view import parts as make
 from smsid.view.arrows import Trail, sign_parts, trail_parts
 from smsid.view.drivers import DrawnFrames, Scale, joint_driver
-from smsid.view.look import Look
+from smsid.view.look import HULL_OPACITY, Look
 from smsid.view.momentum import momenta
 from smsid.view.motion import DrawnMotion
 from smsid.view.parts import GHOST, SceneNode, as_overlay
@@ -109,10 +109,10 @@ def build_scene(
         parts.append(SceneNode(path, placed, driver=joint_driver(joint) if joint else None))
     for geometry in visual.geometryObjects:
         parent = geometry.parentJoint
-        see_through = look.hull_opacity if parent == bus else 1.0
+        see_through = HULL_OPACITY if parent == bus else 1.0
         parts += make.visual_parts(paths[parent], geometry, inside if parent == bus else [], see_through)
     shown = {g.parentJoint for g in visual.geometryObjects}
-    parts += make.inertia_parts(model, paths, shown, inside, look.hull_opacity)
+    parts += make.inertia_parts(model, paths, shown, inside, HULL_OPACITY)
     parts += make.wheel_parts(model, paths)
     parts += make.tank_parts(model, paths, motion, scale.slosh)
     notes = [*scale.notes]
@@ -163,7 +163,7 @@ def _sample_frames(model: SpacecraftModel, motion: DrawnMotion, look: Look) -> D
     """Return a few frames of a motion, where the camera sees them."""
     chosen = np.unique(np.linspace(0, len(motion.time) - 1, FITTED_FRAMES).astype(int))
     q = motion.q[chosen].copy()
-    if look.follow and model.free:
+    if model.free:
         q[:, :3] = model.home[:3]
     return DrawnMotion(motion.time[chosen], q, motion.force[chosen])
 

@@ -12,6 +12,7 @@ from smsid.description import load_description
 from smsid.errors import MissingDependencyError, SmsidError
 from smsid.model.build import build_model
 from smsid.view import Look, build_scene, export_html, replay
+from smsid.view.look import STRIPS
 from smsid.view.scene import joint_paths
 
 from .conftest import URDF, moving
@@ -62,7 +63,6 @@ def test_strips_meet_where_the_modes_put_the_stations(exported):
     player = Player(list(played.commands()))  # the page bends its strips itself
     for appendage in model.appendages:
         effect = appendage.appendage
-        strips = played.scene.look.strips
         stations = effect.station_positions()
         shapes = np.array([m.shape for m in effect.modal_data()])
         columns = [model.pin.joints[j].idx_q for j in appendage.joints]
@@ -74,12 +74,12 @@ def test_strips_meet_where_the_modes_put_the_stations(exported):
             for k, station in enumerate(stations):
                 point = station + 2.0 * delta @ shapes[:, k]
                 expected = bus.act(appendage.placement.act(point))
-                step = effect.length / strips
+                step = effect.length / STRIPS
                 # a stretch below 1e-4 is not animated: half a strip times that
                 index = round(station[0] / step)
                 before = player.world(_strip(effect.name, index - 1), frame)
                 np.testing.assert_allclose((before @ [step / 2, 0, 0, 1])[:3], expected, atol=2e-5)
-                if index < strips:
+                if index < STRIPS:
                     after = player.world(_strip(effect.name, index), frame)
                     np.testing.assert_allclose((after @ [-step / 2, 0, 0, 1])[:3], expected, atol=2e-5)
 
