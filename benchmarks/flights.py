@@ -262,7 +262,7 @@ def row_of(name: str, seed: int) -> dict:
                 row["other"].append(p.name)
             elif p.note.startswith("at its bound"):
                 row["at_bound"][p.name] = p.interval[0] <= truth <= p.interval[1]
-            elif p.note:
+            elif p.status != "identifiable":
                 row["unseen"].append(p.name)
             else:
                 low, high = p.interval

@@ -35,6 +35,7 @@ from _rigid_satellite import (
 )
 from scipy.optimize import minimize
 
+from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.effects import ExternalWrench
 from smsid.errors import SmsidError
@@ -133,9 +134,9 @@ def row_of(rung: str, profile: str, torque: np.ndarray, motion: Motion, limit: n
     off = np.array([values[n].value for n in names]) - elements(INERTIA)
     row["error"] = float(np.linalg.norm(off)) / NORM
     row["sigma"] = float(np.linalg.norm([values[n].sigma for n in names])) / NORM
-    row["off"] = [
-        round(float(x / values[n].sigma), 2) for x, n in zip(off, names, strict=True)
-    ]  # in standard deviations
+    ends = np.array([values[n].interval for n in names]) - np.array([[values[n].value] for n in names])
+    half = np.where(off > 0.0, -ends[:, 0], ends[:, 1]) / NORMAL95  # on the side of the truth
+    row["off"] = [round(float(x), 2) for x in off / half]
     whitened = np.linalg.solve(np.linalg.cholesky(limit), off)
     row["squared"] = float(whitened @ whitened)  # chi-squared with 6 degrees of freedom at the bound
     return row

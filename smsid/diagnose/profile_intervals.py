@@ -23,6 +23,7 @@ from smsid.estimation.likelihood_profile import (
     BetterMaximum,
     at_rest,
     bent_intervals,
+    poorly_known,
 )
 from smsid.estimation.map_estimate import MapFit, evaluate, fit, objective
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -76,7 +77,7 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
         covariance = found.covariance() / np.outer(found.scales, found.scales)
         names = [u.name for u in found.unknowns]
         own = [names.index(n) for c in causes for n in c.score.candidate.free if n in names]
-        doubtful = [i for i in own if _is_poorly_known(found, covariance, i)]
+        doubtful = poorly_known(found, covariance, own, THRESHOLDS.poorly_known)
         if not doubtful:
             return found, {}
         posterior = PosteriorOfProblem(found.unknowns, found.problem)
@@ -93,19 +94,10 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
         return found, {
             names[i]: _from(found, found.unknowns[i], b.ends)
             for i, b in ((rows[k], b) for k, b in bent.items())
-            if b.ends is not None
         }
     # its top was not reached: how far they go is not known
-    doubtful = [i for i in own if _is_poorly_known(found, covariance, i)]
+    doubtful = poorly_known(found, covariance, own, THRESHOLDS.poorly_known)
     return found, {names[i]: _from(found, found.unknowns[i], (-np.inf, np.inf)) for i in doubtful}
-
-
-def _is_poorly_known(found: MapFit, covariance: np.ndarray, i: int) -> bool:
-    unknown = found.unknowns[i]
-    value, sigma = found.point.value(unknown), np.sqrt(covariance[i, i]) * unknown.scale
-    return (
-        unknown.kind == "effect" and 0.0 <= unknown.lower < value and sigma > THRESHOLDS.poorly_known * value
-    )
 
 
 def _from(found: MapFit, unknown: Unknown, ends: Interval) -> Interval:

@@ -25,6 +25,7 @@ from smsid.estimation.likelihood_profile import (
     BetterMaximum,
     PosteriorOfFlights,
     bent_intervals,
+    loosely_told,
     poorly_known,
 )
 from smsid.estimation.maximum import maximise
@@ -138,16 +139,15 @@ def _identify(
         rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.of_recording]
         covariance = np.linalg.inv(found.gram) + doubt
         gradient = np.array([r.gradient for r in rows])
+        spread = gradient @ covariance @ gradient.T * quality.widening**2
+        sigma, shares = np.sqrt(np.diag(spread)), _prior_shares(found, gradient, covariance)
+        size = np.array([abs(r.value if r.reference is None else r.reference) for r in rows])
+        told = (shares <= HELD) & (np.arange(len(rows)) < own) & (size > 0.0)
+        doubtful = poorly_known(found, covariance)
+        doubtful += loosely_told(covariance, gradient[told], sigma[told] / size[told])
+        posterior, wider = PosteriorOfFlights(found, flights), quality.widening
         try:
-            bent = bent_intervals(
-                found,
-                PosteriorOfFlights(found.unknowns, flights),
-                poorly_known(found, covariance),
-                gradient,
-                covariance,
-                widening=quality.widening,
-                followed=not found.exact,
-            )
+            bent = bent_intervals(found, posterior, doubtful, gradient, covariance, widening=wider)
             break
         except BetterMaximum as better:
             found, more = maximise(better.point, unknowns, flights, tell=tell)
@@ -158,10 +158,8 @@ def _identify(
     scale, untold = scale_conflict(found, flights, quality.widening)
     conflicts = [c.sentence for c in (quality.conflict, scale) if c is not None]
     quality = replace(quality, conflict=quality.conflict or scale)
-    spread = gradient @ covariance @ gradient.T * quality.widening**2
-    shares = _prior_shares(found, gradient, covariance)
     limits = bound_intervals(found, quality.widening)
-    judgements = zip(rows, np.sqrt(np.diag(spread)), shares, strict=True)
+    judgements = zip(rows, sigma, shares, strict=True)
     parameters = [
         _within_bounds(_with_status(r, float(s), float(share), bent.get(k), quality), unknowns, limits)
         for k, (r, s, share) in enumerate(judgements)
@@ -256,9 +254,6 @@ def _with_status(
 def _with_profile_interval(p: ParameterEstimate, bent: BentInterval) -> ParameterEstimate:
     """Return a parameter with the interval of its profile, which may have no end, and the status it has."""
     along = "" if bent.goes_with == p.name else f" along {bent.goes_with}"
-    if bent.ends is None:
-        note = f"the likelihood is not Gaussian{along}: its interval may not hold"
-        return replace(p, status="not_identifiable", note=note)
     low, high = bent.ends
     note = f"the likelihood is not Gaussian: interval from its profile{along}"
     half = 0.5 * (high - low) / NORMAL95

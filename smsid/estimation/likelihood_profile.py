@@ -1,15 +1,17 @@
-"""Intervals along poorly known parameters of effects: by the profile of the likelihood, where that is bent.
+"""Intervals along what is poorly known: by the profile of the likelihood, where that is bent.
 
-Masses and springs of an effect enter the motion as products with hidden states. Where one of them is known
-to a tenth of its size or worse, a standard deviation from the curvature at the maximum may say little, and
-not of it alone: the total mass of a craft goes with the mass in its tank, and is as uncertain.
+Masses and springs of an effect enter the motion as products with hidden states, inertias as divisors. Where
+one of them is known to a tenth of its size or worse, a standard deviation from the curvature at the maximum
+may say little, and not of it alone: the total mass of a craft goes with the mass in its tank, and is as
+uncertain.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -19,13 +21,14 @@ from smsid._statistics import NORMAL95
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.maximum import maximise
-from smsid.estimation.normal_equations import objective_of
+from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import Quadratic, bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
-POORLY = 0.1  # standard deviation over value from which an effect's parameter is put to the test
+POORLY = 0.1  # standard deviation over value from which a parameter is put to the test
+ASKED = 4  # of those that are no parameter of an effect, worst first
 BENT = 0.1  # relative difference of the root of the likelihood's fall from a Gaussian's that counts
 MOST = 0.5  # share of a variance that comes through a parameter
 LOOKS = 8  # values at which the likelihood is looked at, to each side
@@ -72,10 +75,10 @@ class Profile:
 
 @dataclass(frozen=True)
 class BentInterval:
-    """How far a quantity may go down and up from its value (95 %), if that is known; what it goes with."""
+    """How far a quantity may go down and up from its value (95 %); what it goes with."""
 
     goes_with: str
-    ends: tuple[float, float] | None
+    ends: tuple[float, float]
 
 
 class Posterior(Protocol):
@@ -97,18 +100,33 @@ class Posterior(Protocol):
 class PosteriorOfFlights:
     """That of several recordings."""
 
-    unknowns: tuple[Unknown, ...]
+    found: NormalEquations
     flights: Sequence[Flight]
 
     def objective(self, point: Point) -> float:
         """Return minus the log-posterior of all parameters at a point."""
-        return objective_of(point, self.unknowns, self.flights)
+        return objective_of(point, self.found.unknowns, self.flights)
 
     def at_best(self, start: Point, others: Sequence[Unknown]) -> tuple[Point, float]:
-        """Return the most likely point near a start with ``others`` free, and their objective."""
+        """Return the most likely point near a start with ``others`` free, and their objective.
+
+        Raises `SmsidError` where they do not come to rest, or slopes along the filter's states mislead.
+        """
+        index = [i for i, u in enumerate(self.found.unknowns) if u.name in {x.name for x in others}]
+        off = self.misleading[index]
+        if 0.5 * float(off @ np.linalg.solve(self.found.gram[np.ix_(index, index)], off)) > REST:
+            raise SmsidError("Slopes of the others mislead a search.", advice="Give priors, or fly longer.")
         best, _ = maximise(start, others, self.flights, enough=REST, iterations=STEPS)
         at_rest(best)
         return best.point, best.objective
+
+    @cached_property
+    def misleading(self) -> np.ndarray:
+        """What slopes along the filter's states have too little of at the maximum (m,)."""
+        if not self.found.exact:
+            return np.zeros(len(self.found.unknowns))
+        along = normal_equations(self.found.point, self.found.unknowns, self.flights)
+        return self.found.slope - along.slope
 
 
 def at_rest(found: Quadratic) -> None:
@@ -133,21 +151,19 @@ def bent_intervals(
     covariance: np.ndarray,
     *,
     widening: float = 1.0,
-    followed: bool = True,
     more: float = MORE,
 ) -> dict[int, BentInterval]:
     """Return profile intervals of rows (rows, m) of ``gradient`` whose Gaussian ones do not hold, by row.
 
     ``covariance`` (m, m) is that of the unknowns, both in units of their scales, ``widening`` the factor on
-    standard deviations. Parameters that are ``doubtful`` (`poorly_known`) are followed until the likelihood
-    has fallen by 1.92, all others re-estimated; quantities that have most of their variance through one of
-    them take their interval from there. Where searches along the filter's states do not come to the maximum
-    (`NormalEquations.exact`), parameters are not ``followed``, and intervals have no ends.
+    standard deviations. Parameters that are ``doubtful`` (`poorly_known`, `loosely_told`) are followed until
+    the likelihood has fallen by 1.92, all others re-estimated; quantities that have most of their variance
+    through one of them take their interval from there.
 
     Raises `BetterMaximum` when a point is met on the way that is more likely by ``more``.
     """
     fall = 0.5 * (NORMAL95 * widening) ** 2
-    profiles = _Follower(found, posterior, covariance, fall, followed, more).profiles(doubtful)
+    profiles = _Follower(found, posterior, covariance, fall, more).profiles(doubtful)
     out: dict[int, BentInterval] = {}
     if not profiles:
         return out
@@ -157,22 +173,42 @@ def bent_intervals(
         most = int(np.argmax(shares))
         if v > 0.0 and shares[most] > MOST * v:
             best = profiles[most]
-            ends = best.interval(row, v - shares[most], fall) if followed else None
-            out[k] = BentInterval(best.name, ends)
+            out[k] = BentInterval(best.name, best.interval(row, v - shares[most], fall))
     return out
 
 
-def poorly_known(found: Quadratic, covariance: np.ndarray) -> list[int]:
-    """Return the parameters of effects, zero at least, that are known to `POORLY` or worse; worst first.
+def poorly_known(
+    found: Quadratic, covariance: np.ndarray, among: Sequence[int] | None = None, poorly: float = POORLY
+) -> list[int]:
+    """Return the parameters of effects, zero at least, that are known ``poorly`` or worse; worst first.
 
-    ``covariance`` (m, m) is that of the unknowns, in their scales.
+    ``covariance`` (m, m) is that of the unknowns, in their scales; asked are all of them, or some ``among``.
     """
-    share: Mapping[int, float] = {
-        i: np.sqrt(covariance[i, i]) * u.scale / abs(found.point.value(u))
-        for i, u in enumerate(found.unknowns)
-        if u.kind == "effect" and 0.0 <= u.lower < u.nominal and found.point.value(u) > u.lower
-    }
-    return sorted((i for i, s in share.items() if s > POORLY), key=lambda i: -share[i])
+    share: dict[int, float] = {}
+    for i in range(len(found.unknowns)) if among is None else among:
+        unknown = found.unknowns[i]
+        value = found.point.value(unknown)
+        if unknown.kind == "effect" and 0.0 <= unknown.lower < value:
+            share[i] = float(np.sqrt(covariance[i, i])) * unknown.scale / value
+    return sorted((i for i, s in share.items() if s > poorly), key=lambda i: -share[i])
+
+
+def loosely_told(covariance: np.ndarray, gradient: np.ndarray, relative: np.ndarray) -> list[int]:
+    """Return the parameters through which quantities vary that are known to `POORLY` or worse, worst first.
+
+    ``gradient`` (k, m) are the quantities' derivatives by the unknowns in scales, ``relative`` (k,) their
+    standard deviations over their sizes.
+    """
+    along = gradient @ covariance
+    shares = (
+        along**2 / np.diag(covariance) / np.maximum(np.einsum("ki,ki->k", along, gradient), 1e-300)[:, None]
+    )
+    out: list[int] = []
+    for k in np.argsort(-relative):
+        # what goes with one that is asked about already is told by that
+        if relative[k] > POORLY and shares[k].max() > MOST and not (shares[k, out] > MOST).any():
+            out.append(int(np.argmax(shares[k])))
+    return out[:ASKED]
 
 
 @dataclass(frozen=True)
@@ -181,7 +217,6 @@ class _Follower:
     posterior: Posterior
     covariance: np.ndarray
     fall: float
-    followed: bool
     more: float
 
     def profiles(self, doubtful: Sequence[int]) -> list[Profile]:
@@ -197,27 +232,27 @@ class _Follower:
         return out
 
     def is_bent(self, i: int) -> bool:
-        """Whether the likelihood falls otherwise than a Gaussian at the ends of a parameter's interval."""
-        found, fall = self.found, self.fall
+        """Whether the likelihood falls otherwise than a Gaussian at the ends of a parameter's interval.
+
+        Of what is no parameter of an effect, whether it falls less: the line there may leave a ridge that
+        bends, and a fall that is larger says nothing of the best beside it.
+        """
+        found, fall, effect = self.found, self.fall, self.found.unknowns[i].kind == "effect"
         column = self.covariance[:, i] / np.sqrt(self.covariance[i, i])
         for side in (1.0, -1.0):
             try:
                 step = side * np.sqrt(2.0 * fall) * column * found.scales
                 point = retract(found.point, found.unknowns, step)
-                if not point.physical():
-                    return True
-                there = self.posterior.objective(point) - found.objective
+                there = self.posterior.objective(point) - found.objective if point.physical() else np.inf
             except (SmsidError, np.linalg.LinAlgError):
-                return True
-            if not (1.0 - BENT) ** 2 * fall < there < (1.0 + BENT) ** 2 * fall:
+                there = np.inf
+            if there < (1.0 - BENT) ** 2 * fall or (effect and there > (1.0 + BENT) ** 2 * fall):
                 return True
         return False
 
     def profile(self, i: int) -> Profile:
         """Return the profile along unknown ``i``, a little beyond the ``fall`` of the log-posterior."""
         m, name = len(self.found.unknowns), self.found.unknowns[i].name
-        if not self.followed:
-            return Profile(name, i, np.zeros((1, m)), np.zeros(1), (True, True))
         known: list[tuple[np.ndarray, float]] = [(np.zeros(m), 0.0)]
         open_ = []
         for side in (-1.0, 1.0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid._statistics import NORMAL95
-from smsid.estimation.likelihood_profile import Profile
+from smsid.estimation.likelihood_profile import POORLY, Profile, loosely_told
 
 FALL = 0.5 * NORMAL95**2
 VALUES = np.linspace(-0.9, 0.9, 13)
@@ -34,3 +34,10 @@ def test_where_the_likelihood_does_not_fall_there_is_no_end():
     row = np.array([-1.0, -1.0])  # falls where y grows
     low, high = profile(VALUES[VALUES > -0.2], (False, True)).interval(row, 0.0, FALL)
     assert low == -np.inf and np.isfinite(high)
+
+
+def test_asked_about_are_parameters_through_which_poorly_known_quantities_vary():
+    covariance = np.diag([1.0, 4.0, 9.0])
+    gradient = np.array([[1.0, 0.1, 0.0], [0.0, 1.0, 0.1], [0.0, 1.0, 0.2], [3.0, 1.5, 1.0]])
+    assert loosely_told(covariance, gradient, np.array([0.5, 0.2, 0.3, 0.4]) * POORLY) == []
+    assert loosely_told(covariance, gradient, np.array([2.0, 5.0, 4.0, 9.0]) * POORLY) == [1, 0]
