@@ -22,6 +22,7 @@ from smsid.diagnose.model_comparison import (
     Cause,
     DetectionThresholds,
     accept,
+    own_component,
     simplest_law,
     wald,
     with_dynamics,
@@ -313,12 +314,20 @@ class State:
         least, more = THRESHOLDS.misfit, rest
         if candidate.instance(found.point).with_dynamics():
             more = with_dynamics(rest, candidate)
-        if more is rest:  # not to bend to what is left elsewhere
+        if more is rest and self._is_left_where_it_acts(candidate, rest):
             least, more = THRESHOLDS.followed, with_further(rest, [cause]) or rest
         if more is rest or normalised_rmse(more.run) > least:
             return found
         problem = replace(found.problem, substep=more.problem.substep)  # the noise is found again from here
         return evaluate(more.point, more.unknowns, problem)
+
+    def _is_left_where_it_acts(self, candidate: Candidate, rest: MapFit) -> bool:
+        """Whether most that a fit leaves is in the component that a candidate changes most."""
+        own, squares = (
+            own_component(rest, candidate, np.ones_like(self.fitted.factors)),
+            rest.run.normalised**2,
+        )
+        return bool(2.0 * squares[:, own].sum() > squares.sum())
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)

@@ -391,6 +391,16 @@ def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: b
     return float(chi2.isf(fisher.sf(off @ inverse @ off / d, d, THRESHOLDS.cosines), d))
 
 
+def own_component(found: MapFit, candidate: Candidate, factors: np.ndarray) -> int:
+    """Return the row of the component that a candidate changes most in a fit, in stated noise; ``factors``
+    (rows,) are the fit's levels over that.
+    """
+    index = [i for i, u in enumerate(found.unknowns) if u.name in candidate.free]
+    away = [found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index]
+    done = found.whitened[:, :, index] @ (np.array(away) / found.scales[index]) * factors
+    return int(np.argmax((done**2).sum(axis=0)))
+
+
 def as_fitted(score: Score, found: MapFit) -> Score:
     """Return a score as of a fit with its candidate: by Wald, where no model without it follows."""
     own = {u.name: found.point.value(u) - u.nominal for u in found.unknowns}

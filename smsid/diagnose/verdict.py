@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.change_time_posterior import Began, onset_posteriors
-from smsid.diagnose.model_comparison import FEW, Cause, strengths, wald
+from smsid.diagnose.model_comparison import FEW, Cause, own_component, strengths, wald
 from smsid.diagnose.noise_covariance import strays_by_row
 from smsid.diagnose.result import Alias, FoundCause, Limit, SignificantTest, Value, Verdict
 from smsid.diagnose.score_test import Candidate
@@ -349,11 +349,7 @@ def own_component_left(found: Search, cause: Cause) -> str:
 
     By misfit where that is counted, else by prediction errors beyond the noise as fitted.
     """
-    last, free = found.last, cause.score.candidate.free
-    index = [i for i, u in enumerate(last.unknowns) if u.name in free]
-    away = [last.point.value(last.unknowns[i]) - last.unknowns[i].nominal for i in index]
-    done = last.whitened[:, :, index] @ (np.array(away) / last.scales[index]) * found.factors
-    own = int(np.argmax((done**2).sum(axis=0)))
+    last, own = found.last, own_component(found.last, cause.score.candidate, found.factors)
     left = found.factors if found.misfit else strays_by_row(last.run, np.ones_like(found.factors))
     if left[own] <= THRESHOLDS.own_channel:
         return ""

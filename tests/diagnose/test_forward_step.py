@@ -248,9 +248,11 @@ def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world,
     assert kept[2:] == [set(), set()]
 
 
-@pytest.mark.parametrize(("left", "freed"), [(1.1, True), (3.0, False)])
+@pytest.mark.parametrize(
+    ("left", "elsewhere", "freed"), [(1.1, 1.0, True), (3.0, 1.0, False), (1.1, 30.0, False)]
+)
 def test_further_parameters_that_misfit_hides_are_freed_where_all_is_followed_then(
-    world, monkeypatch, left, freed
+    world, monkeypatch, left, elsewhere, freed
 ):
     """The torque that takes a rotor across its gap: beside 16 times the noise, it did not pay."""
     state, asked = world
@@ -259,6 +261,7 @@ def test_further_parameters_that_misfit_hides_are_freed_where_all_is_followed_th
 
     def evaluated(point, unknowns, problem):
         found = asked.at("stated" if problem.data == "stated" else "raised again")
+        found.run.normalised, found.run.used = np.array([[16.0, elsewhere]]), np.array([[True, True]])
         found.point, found.unknowns, found.problem = point, unknowns, problem
         return found
 
@@ -269,6 +272,7 @@ def test_further_parameters_that_misfit_hides_are_freed_where_all_is_followed_th
 
     monkeypatch.setattr(rounds, "evaluate", evaluated)
     monkeypatch.setattr(rounds, "with_further", further)
+    monkeypatch.setattr(rounds, "own_component", lambda *_: 0)
     monkeypatch.setattr(rounds, "normalised_rmse", lambda run: left)
     effect = SimpleNamespace(with_dynamics=lambda: ())
     backlash = SimpleNamespace(effect=effect, instance=lambda point: effect)
