@@ -322,12 +322,12 @@ class State:
         return evaluate(more.point, more.unknowns, problem)
 
     def _is_left_where_it_acts(self, candidate: Candidate, rest: MapFit) -> bool:
-        """Whether most that a fit leaves is in the component that a candidate changes most."""
-        own, squares = (
-            own_component(rest, candidate, np.ones_like(self.fitted.factors)),
-            rest.run.normalised**2,
-        )
-        return bool(2.0 * squares[:, own].sum() > squares.sum())
+        """Whether most that a fit to stated noise leaves beyond that is in the component that a candidate
+        changes most.
+        """
+        own = own_component(rest, candidate, np.ones_like(self.fitted.factors))
+        left = np.where(rest.run.used, rest.run.normalised**2 - 1.0, 0.0).sum(axis=0)
+        return bool(2.0 * left[own] > left.sum())
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)
