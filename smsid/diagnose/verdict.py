@@ -203,7 +203,9 @@ def verdict(
     doubts = (*map(impossible, named), *(_may_be_nothing(found, c) for c in found.causes))
     doubted = next((d for d in doubts if d), "")
     if doubted:
-        what = f": what would ({_in_words(hints)}) is not believed" if hints else ""
+        worst = next(iter((*found.left_before, *left)), None)
+        what = "" if worst is None else f": {worst.where} depends on {worst.dependence}"
+        what += f"{';' if what else ':'} what would ({_in_words(hints)}) is not believed" if hints else ""
         what += f", as {doubted}."
         return "unexplained", f"The simulation does not explain the recording{what}{_parts((), standing)}"
     if found.misfit:

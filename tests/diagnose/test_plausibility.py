@@ -35,9 +35,11 @@ MOTOR = ("torque_gain", "actuator", "joint2", "gain.error")
 )
 def test_an_absurd_value_is_never_explained(one, cannot_be):
     assert bool(impossible(one)) is cannot_be
-    followed = SimpleNamespace(left=(), misfit=False, causes=())
+    hidden = SimpleNamespace(where="torque of joint1", dependence="time")
+    followed = SimpleNamespace(left=(), left_before=(hidden,), misfit=False, causes=())
     said, sentence = verdict(followed, (one,))
     assert (said == "unexplained") is cannot_be
+    assert cannot_be == ("torque of joint1 depends on time; what would (" in sentence), sentence
     assert cannot_be == ("is not believed" in sentence)
 
 
