@@ -69,8 +69,8 @@ def accept(
             still = next((s for s in rivals if s.candidate.start is None), None)
             if still is not None and not any(s is still for s in contenders):
                 contenders.append(still)
-    fitted: list[tuple[float, Score, MapFit]] = []
-    at_most = np.inf
+    fitted: list[tuple[float, Score, float]] = []  # criterion and objective; of fits the best alone is kept
+    leader, at_most = current, np.inf
     for s in contenders:
         found = refit(current, s, at_most)
         if found is None:
@@ -84,13 +84,16 @@ def accept(
         if chi2.sf(told, len(s.candidate.free)) > levels.candidate:
             LOGGER.info("%s ran away: Wald's statistic is %.1f", s.candidate.key, told)
             continue
-        fitted.append((-2.0 * found.objective - cost(current, s, found), s, found))
+        price = cost(current, s, found)
+        if all(-2.0 * found.objective - price > value for value, *_ in fitted):
+            leader = found
+        fitted.append((-2.0 * found.objective - price, s, found.objective))
         # one that comes nowhere near is neither the winner nor an alias, wherever it ends
-        room = levels.alias + cost(current, s, found) + OUT_OF_REACH * ratio
+        room = levels.alias + price + OUT_OF_REACH * ratio
         at_most = min(at_most, found.objective + 0.5 * room)
     if not fitted:
         return None, current
-    value, winner, found = max(fitted, key=lambda x: x[0])
+    (value, winner, _), found = max(fitted, key=lambda x: x[0]), leader
     ratio = 2.0 * (current.objective - found.objective)
     # a likelihood of white noise does not know what misfit remembers
     sure = min(ratio, wald(found, winner.candidate)) if found.problem.coloured else ratio
@@ -99,9 +102,9 @@ def accept(
     reached = {id(s): v for v, s, _ in fitted}
     if best.ratio > levels.linear:
         explains = {}
-        for _, s, f in fitted:  # less what its further parameters cost
-            more = cost(current, s, f) - (s.ratio - s.information_gain(samples))
-            explains[id(s)] = replace(s, ratio=2.0 * (current.objective - f.objective) - more)
+        for criterion, s, objective in fitted:  # less what its further parameters cost
+            more = -2.0 * objective - criterion - (s.ratio - s.information_gain(samples))
+            explains[id(s)] = replace(s, ratio=2.0 * (current.objective - objective) - more)
 
         def as_good(s: Score) -> bool:
             """Whether a contender is no worse by what it costs, or can do the same at any price."""

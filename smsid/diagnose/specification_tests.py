@@ -133,15 +133,11 @@ def adequacy(found: MapFit) -> list[SpecificationTest]:
     named += [(channel, channel, on, own) for channel, on, own in _channels(found)]
     changes = [c for *_, own in named for c in own]
     whitened = propagate(found.run, changes).reshape(-1, len(changes))
-    blocks, start = [], 0
-    left = found.left(whitened)
-    slope = left.T @ found.residual
-    for where, location, dependence, part in named:
-        index = slice(start, start + len(part))
-        start = index.stop
-        own = left[:, index]
-        raw = np.einsum("ij,ij->j", whitened[:, index], whitened[:, index])
-        _, _, ratio, values = least_squares(own.T @ own, slope[index], raw)
+    blocks, ends = [], np.cumsum([len(own) for *_, own in named])[:-1]
+    beside = found.projected(np.split(whitened, ends, axis=1))
+    for (where, location, dependence, _), own in zip(named, beside, strict=True):
+        raw, left = np.einsum("ij,ij->j", own.columns, own.columns), own.left
+        _, _, ratio, values = least_squares(left.T @ left, left.T @ found.residual, raw)
         freedom = int((values > EXCITED).sum())
         blocks.append(SpecificationTest(where, dependence, ratio, freedom, location=location))
     blocks += whiteness(found)

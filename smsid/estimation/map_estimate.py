@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,6 +29,7 @@ ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is
 TRIES = 6  # steps that are tried from one point, each shorter than the last
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 AMPLE = 1.1  # share of the predicted gain within which a fit may still reach what it has to
+FAR = 10.0  # the same of its first step, which may be of a motion that is none yet
 PATIENCE = 4  # steps after which it has to be there
 AGAIN = 1e-4  # share of a column's squares below which what is left is projected once more
 COSINES = 4  # slowest ones that the variance of a sum of coloured errors is read from
@@ -113,19 +114,19 @@ class MapFit:
             left[:, rest] -= q @ (q.T @ left[:, rest])
         return left, solve_triangular(r, own)
 
-    def projected(self, groups: Sequence[np.ndarray]) -> list[ProjectedColumns]:
-        """Return groups of whitened columns, (N rows, d) each, beside the fitted parameters.
+    def projected(self, groups: Sequence[np.ndarray]) -> Iterator[ProjectedColumns]:
+        """Yield groups of whitened columns, (N rows, d) each, beside the fitted parameters.
 
         Many at once: one product of large matrices is far faster than many of thin ones.
         """
-        found: list[ProjectedColumns] = []
-        while len(found) < len(groups):
-            widths = np.cumsum([g.shape[1] for g in groups[len(found) :]])
-            some = groups[len(found) :][: max(1, int(np.searchsorted(widths, TOGETHER)))]
+        first = 0
+        while first < len(groups):
+            widths = np.cumsum([g.shape[1] for g in groups[first:]])
+            some = groups[first:][: max(1, int(np.searchsorted(widths, TOGETHER)))]
             ends = np.cumsum([g.shape[1] for g in some])[:-1]
             left, taken = (np.split(x, ends, axis=1) for x in self._parted(some))
-            found += [ProjectedColumns(*x) for x in zip(some, left, taken, strict=True)]
-        return found
+            yield from (ProjectedColumns(*x) for x in zip(some, left, taken, strict=True))
+            first += len(some)
 
     @property
     def scales(self) -> np.ndarray:
@@ -218,7 +219,8 @@ def continue_fit(
     for i in range(iterations):
         step = bounded_step(found)
         gain = predicted_gain(found, step)
-        if found.objective - (AMPLE if i < PATIENCE else 0.0) * gain > at_most and i:
+        hoped = (AMPLE if i else FAR) if i < PATIENCE else 0.0
+        if found.objective - hoped * gain > at_most:
             LOGGER.info("given up at %.2f: %.2f is out of reach", found.objective, at_most)
             break
         if gain < enough:
