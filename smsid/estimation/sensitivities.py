@@ -106,17 +106,16 @@ class Sensitivities:
 
     def inertial(self, columns: Sequence[int]) -> list[Sensitivity]:
         """Return the changes by inertial parameters, ten per body: -Y."""
-        index = np.asarray(columns)
-        middle, at = (-self._regressor(where)[:, :, index] for where in ("middle", "at"))
-        return [Sensitivity(middle[:, :, i], at[:, :, i]) for i in range(len(columns))]
+        middle, at = (self._regressor(where) for where in ("middle", "at"))
+        return [Sensitivity(-middle[:, i], -at[:, i]) for i in columns]
 
     def _regressor(self, where: str) -> np.ndarray:
-        """Return Y (N, nv, 10 bodies) along the run; computed once."""
+        """Return Y' (N, 10 bodies, nv) along the run; computed once."""
         if where not in self._regressors:
             states, data = self._states(where), self.model.pin.createData()
-            y = np.empty((len(states.time), self.model.nv, 10 * (self.model.pin.njoints - 1)))
+            y = np.empty((len(states.time), 10 * (self.model.pin.njoints - 1), self.model.nv))
             for k, (q, v, a) in enumerate(zip(states.q, states.v, states.a, strict=True)):
-                y[k] = pin.computeJointTorqueRegressor(self.model.pin, data, q, v, a)
+                y[k] = pin.computeJointTorqueRegressor(self.model.pin, data, q, v, a).T
             self._regressors[where] = y
         return self._regressors[where]
 
