@@ -252,13 +252,17 @@ class OscillatorHypothesis(ProfiledHypothesis):
 
     def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score of the best frequency, and where that is worth it of a finer one, axis by axis."""
-        coarse = super().scored(found, own)
+        coarse = self.scored_coarsely(found, own)
         if coarse.odds(found.run.samples) <= 0.0:
             return coarse
         fine = self._finer(found, coarse)
         if fine.odds(found.run.samples) <= coarse.odds(found.run.samples):
             return coarse
         return replace(fine, another=coarse)  # as fine as that, it may follow what only looks like a mass
+
+    def scored_coarsely(self, found: MapFit, own: ProjectedColumns) -> Score:
+        """Return the score of the best frequency of the first grid."""
+        return super().scored(found, own)
 
     def _finer(self, found: MapFit, coarse: Score) -> Score:
         omega, zeta, place = self._label(coarse)

@@ -386,16 +386,18 @@ class State:
         They do where they explain nothing and are so far apart from what is fitted that what the motion
         changes is small beside what is left of them: of a payload beside its link's mass it is not.
         """
-        moved = squared_distance(before, self.current.run)
-        refused = [s for s in self._score_remaining() if s.p_value > REFUSED and s.excited > APART * moved]
+        least = APART * squared_distance(before, self.current.run)
+        known = self._score_remaining(coarsely=True) if least < 1.0 else ()  # nothing is excited by more
+        refused = [s for s in known if s.p_value > REFUSED and s.excited > least]
         keys = {s.candidate.key for s in refused}
         self._columns = {key: own for key, own in self._columns.items() if key in keys}
         self.scores = self._score_remaining(refused)
 
-    def _score_remaining(self, refused: Sequence[Score] = ()) -> list[Score]:
+    def _score_remaining(self, refused: Sequence[Score] = (), *, coarsely: bool = False) -> list[Score]:
         """Score the candidates left, the best first; signatures already known are used again.
 
-        Those ``refused`` keep their scores.
+        Those ``refused`` keep their scores. ``coarsely``: nothing is looked for more finely where there is
+        something.
         """
         out = self._out | {c.score.candidate.key for c in self.causes}
         out |= {s.candidate.key for s in refused}
@@ -409,7 +411,7 @@ class State:
             known = signatures(self.current, missing)
             self._columns.update({missing[i].key: columns for i, columns in known.items()})
         seen = [c for c in rest if c.key in self._columns]
-        scores = scored(self.current, seen, [self._columns[c.key] for c in seen])
+        scores = scored(self.current, seen, [self._columns[c.key] for c in seen], coarsely=coarsely)
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
         return sorted((*scores, *refused), key=self._worth, reverse=True)
 

@@ -19,7 +19,7 @@ import numpy as np
 from smsid.diagnose.score_test import EXCITED
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import MapFit
-from smsid.estimation.sensitivities import Sensitivity
+from smsid.estimation.sensitivities import Places, Sensitivity
 
 ROOM = 1e7  # whitened values that are held at once: as fast as all of them, and they fit in memory
 
@@ -35,7 +35,9 @@ def onset_ratios(
     run, (n, rows, _) = found.run, found.run.by_a.shape
     q, _ = found.factors
     own = np.concatenate([run.innovations[:, :, None], q[: n * rows].reshape(n, rows, -1)], axis=2)
-    at, middle = costates(run, own)
+    read, moved = costates(run, own)
+    at = np.matmul(np.matmul(run.by_a, run.inverse).transpose(0, 2, 1), read)
+    middle = np.matmul(run.middle_inverse, moved)
     within = q.T @ found.residual
     out: list[np.ndarray] = []
     first = 0
@@ -43,19 +45,26 @@ def onset_ratios(
         widths = np.cumsum([len(g) for g in groups[first:]])
         last = first + max(1, int(np.searchsorted(widths, ROOM / (n * rows), side="right")))
         some = groups[first:last]
-        direct, pushed = _inputs(run, [c for g in some for c in g])
+        changes = [c for g in some for c in g]
+        direct, pushed = _inputs(run, changes)
         squares = _squares(run, direct, pushed, [len(g) for g in some])
         start = 0
         for group, square, sign in zip(some, squares, one_sided[first:last], strict=True):
             mine = slice(start, start + len(group))
             start = mine.stop
             parts = np.zeros((2 * n - 1, own.shape[2], len(group)))
-            parts[::2] = np.matmul(at.transpose(0, 2, 1), direct[:, :, mine])
-            parts[1::2] = np.matmul(middle.transpose(0, 2, 1), pushed[:, :, mine])
+            for i, c in enumerate(group):
+                parts[::2, :, i] = _along(c.at, at, c.dofs) + _along(c.reading, read, c.rows)
+                parts[1::2, :, i] = _along(c.middle, middle, c.dofs)
             along = np.cumsum(parts[::-1], axis=0)[::-1]
             out.append(_ratios(square, along, within, sign))
         first = last
     return out
+
+
+def _along(values: np.ndarray | None, costate: np.ndarray, where: Places) -> np.ndarray | float:
+    """Return products (N, k) of values (N, j) with their costates, some of (N, places, k)."""
+    return 0.0 if values is None else np.einsum("nj,njk->nk", values, costate[:, where])
 
 
 def costates(run: FilterRun, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -160,6 +160,10 @@ class Candidate:
         sides = 1 if freedom == 1 and self.one_sided else 2
         return Score(self, ratio, freedom, estimate, covariance, excited, left, own.taken, sides)
 
+    def scored_coarsely(self, found: MapFit, own: ProjectedColumns) -> Score:
+        """Return its score as of the variants its columns are of, where `scored` may look for finer ones."""
+        return self.scored(found, own)
+
     @property
     def _told(self) -> np.ndarray:
         """Which of its parameters have a prior (d,)."""
@@ -298,16 +302,19 @@ def seen_where(found: MapFit, candidate: Candidate, columns: np.ndarray) -> np.n
     return columns * np.repeat(here, len(columns) // len(here))[:, None]
 
 
-def scored(found: MapFit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray]) -> list[Score]:
+def scored(
+    found: MapFit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray], *, coarsely: bool = False
+) -> list[Score]:
     """Return the scores of candidates from their whitened columns (N rows, d).
 
     The fitted parameters are free to move within their priors. One that fails numerically has no score.
+    ``coarsely``: as `Candidate.scored_coarsely`.
     """
     beside = found.projected(columns)
     scores: list[Score] = []
     for candidate, own in zip(candidates, beside, strict=True):
         try:
-            scores.append(candidate.scored(found, own))
+            scores.append((candidate.scored_coarsely if coarsely else candidate.scored)(found, own))
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be scored: %s", candidate.key, error)
     return scores

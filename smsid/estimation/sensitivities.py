@@ -157,7 +157,8 @@ class Sensitivities:
                 pushed[0] += new.middle - old.middle
                 pushed[1] += (new.at - old.at)[: len(pushed[1])]
             pushed = pushed[0] / step, pushed[1] / step
-        reading = self._reading(base, other, origin, model)
+        adjusts = cls.adjust is not Effect.adjust or cls.resolved is not Effect.resolved
+        reading = self._reading(base, other if adjusts else base, origin, model)
         found = Sensitivity.of(pushed, None if reading is None else reading / step)
         if forces and changed.has_fast_dynamics():
             return replace(found, middle=None, ahead=self._difference_ahead(origin, model) / step)
@@ -286,7 +287,8 @@ class Sensitivities:
     def _reading(
         self, base: Point, other: Point, origin: SpacecraftModel, model: SpacecraftModel
     ) -> np.ndarray | None:
-        before, after = base.sensors(), other.sensors()
+        before = self.sensors if base is self.point else base.sensors()
+        after = before if other is base else other.sensors()
         scaled = any(
             not np.array_equal(a.scale, b.scale)
             or a.appendage != b.appendage
