@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.fft import dct
-from scipy.linalg import solve_triangular
+from scipy.linalg import qr, solve_triangular
 from scipy.linalg.blas import dgemm
 from scipy.stats import t as student
 
@@ -85,7 +85,8 @@ class MapFit:
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
         """Q (N rows + priors, m) and R (m, m) of the whitened derivatives with the priors' rows below."""
         flat = self.whitened.reshape(-1, len(self.unknowns))
-        return np.linalg.qr(np.vstack([flat, self.prior.rows]))
+        whole = np.asfortranarray(np.vstack([flat, self.prior.rows]))  # half the time of numpy's
+        return qr(whole, mode="economic", overwrite_a=True, check_finite=False)  # pyright: ignore
 
     @cached_property
     def residual(self) -> np.ndarray:
@@ -108,7 +109,7 @@ class MapFit:
         before = np.einsum("ij,ij->j", left, left)
         q, r = self.factors
         own = q.T @ left
-        left = dgemm(-1.0, q.T, own, 1.0, left, trans_a=True, overwrite_c=True)  # left -= q @ own
+        left = dgemm(-1.0, q, own, 1.0, left, overwrite_c=True)  # left -= q @ own
         rest = np.einsum("ij,ij->j", left, left) < AGAIN * before  # of little, rounding is a larger share
         if rest.any():
             left[:, rest] -= q @ (q.T @ left[:, rest])

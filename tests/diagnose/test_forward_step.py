@@ -66,7 +66,7 @@ def world(monkeypatch):
     def signatures(fit, candidates):
         return {i: fit.name for i in range(len(candidates))}
 
-    def scored(fit, candidates, columns):
+    def scored(fit, candidates, columns, *, coarsely=False):
         asked.scored.append(
             (fit.name, {c.key: column for c, column in zip(candidates, columns, strict=True)})
         )
