@@ -45,7 +45,7 @@ def difference_equations(found: NormalEquations, flights: Sequence[Flight]) -> N
 
     Raises `SimulationError` where a filter loses its recording.
     """
-    axes = _principal_axes(found)
+    axes = principal_axes(found)
     ends = _ends(found, axes.T)
     back = np.linalg.inv(axes)
     terms = []
@@ -101,14 +101,14 @@ def _least_told(found: NormalEquations) -> np.ndarray:
 
     There a slope that leaves a part out leads far: a standard deviation of them is large.
     """
-    axes = _principal_axes(found)
+    axes = principal_axes(found)
     told = np.einsum("ik,ij,jk->k", axes, found.information, axes) > TOLD
     wide = np.linalg.norm(axes * sizes(found)[:, None], axis=0)
     order = np.argsort(-wide, kind="stable")
     return axes[:, order[told[order]][:WEAK]].T
 
 
-def _principal_axes(found: NormalEquations) -> np.ndarray:
+def principal_axes(found: NormalEquations) -> np.ndarray:
     """Return axes (m, m), one a column, along each of which one is a standard deviation, in scales.
 
     Those of the Gram matrix; a parameter at its bound, which may go one way only, is an axis by itself. Axes

@@ -25,6 +25,7 @@ from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.trust_region import bounded_step, predicted_gain
+from smsid.estimation.unrecorded_torques import are_told_by_torques, averaged
 from smsid.likelihood.search import GROSS
 
 LOGGER = logging.getLogger(__name__)
@@ -88,6 +89,8 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     """Return the maximum of the model as it is, near a point."""
     if tell is not None:
         tell("search with the model as it is")
+    unrecorded = any(f.problem.profiled for f in flights)
+    flights = averaged(flights)
     found, visited = maximise(point, unknowns, flights, tell=tell)
     acting = [as_commands_act(found.point, unknowns, f, has_converged(found)) for f in flights]
     if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
@@ -99,16 +102,32 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
             visited += more
     found, flights, more = finely_stepped(found, flights, tell)
     visited += more
+    if unrecorded and are_told_by_torques(found, flights):
+        likeliest = averaged(flights, mean=False)
+        try:
+            better, more = _settled(*maximise(found.point, unknowns, likeliest, tell=tell), likeliest, tell)
+            if are_told_by_torques(better, likeliest):  # it has not gone off to where noise fits noise
+                return better, likeliest, visited + more
+        except NotIdentifiableError as error:
+            LOGGER.info("not at the likeliest torques: %s", error)
+    found, more = _settled(found, [], flights, tell)
+    return found, flights, visited + more
+
+
+def _settled(
+    found: NormalEquations, visited: list[NormalEquations], flights: list[Flight], tell: Tell | None
+) -> tuple[NormalEquations, list[NormalEquations]]:
+    """Return the maximum, by differences of whole runs where slopes along states do not lead there."""
     if not has_converged(found):  # so far off, better derivatives do not help
         left = fit_quality(found)
         if max((c.ratio for c in left.channels), default=0.0) > GROSS:
             raise restless(flights, left)
     if not has_converged(found) or not derivatives_hold(found, flights):
         found = equations_at_maximum(found, flights, tell=tell)
-        visited.append(found)
+        visited = [*visited, found]
     if not has_converged(found):
         raise restless(flights, fit_quality(found))
-    return found, flights, visited
+    return found, visited
 
 
 def _refuse_contradicting(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.map_estimate import columns_of
@@ -132,12 +133,24 @@ def log_likelihood_of(point: Point, flights: Sequence[Flight]) -> float:
     return sum(_log_likelihood(point, f, profiled=False) for f in flights)
 
 
+def log_volume_of(point: Point, flights: Sequence[Flight]) -> float:
+    """Return what of the log-likelihood at a point is by the volume of the innovations alone, in recordings
+    with torques that nobody recorded.
+
+    Raises `SimulationError` where a filter loses its recording.
+    """
+    own = (f for f in flights if replace(f.problem, averaged=False).profiled)
+    return sum(run.volume for f in own for run in _runs(point, f))
+
+
 def _log_likelihood(point: Point, flight: Flight, *, profiled: bool) -> float:
-    kalman, total = KalmanFilter(point.model(), problem_at(point, flight)), 0.0
+    return sum(run.log_likelihood - profiled * run.volume for run in _runs(point, flight))
+
+
+def _runs(point: Point, flight: Flight) -> Iterator[FilterRun]:
+    kalman = KalmanFilter(point.model(), problem_at(point, flight))
     for _ in range(0, len(flight.problem.data.times), CHUNK):
-        run = kalman.advance(CHUNK)
-        total += run.log_likelihood - profiled * run.volume
-    return total
+        yield kalman.advance(CHUNK)
 
 
 def normal_equations(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight]) -> NormalEquations:

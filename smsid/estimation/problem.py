@@ -138,6 +138,7 @@ class Problem:
     ``unknown_inputs`` are states of the filter, too, after q and v, and ``bias_walks`` after these. ``parts``
     are the recordings, where there are several (`joint_problem`): ``recording`` and ``timing`` are then the
     first's. ``coloured``: noise levels count what the model cannot follow, whose spectrum is no noise's.
+    ``averaged``: parameters are compared in the mean over all torques, even where they may be `profiled`.
     """
 
     recording: Recording
@@ -152,6 +153,7 @@ class Problem:
     parts: tuple[Part, ...] = ()
     bias_walks: tuple[BiasWalk, ...] = ()
     coloured: bool = False
+    averaged: bool = False
 
     @property
     def given(self) -> np.ndarray:
@@ -171,10 +173,12 @@ class Problem:
         wander is a guess, and in the mean over what such a prior allows inertias seem larger or smaller, as
         in a regression on a measured variable: noise is taken for motion. At the likeliest torques they do
         not: that is the total least squares of Golub and Van Loan, SIAM J. Numer. Anal. 17 (1980) 883. Where
-        the model may err, too, noise is no measured motion's alone.
+        the model may err, too, noise is no measured motion's alone; and along what no torque has moved, there
+        is nothing but noise to compare, which makes inertias as small as it likes: see
+        `smsid.estimation.unrecorded_torques`.
         """
         unrecorded = any(u.row >= 0 and not u.motor for u in self.unknown_inputs)
-        return unrecorded and not self.noise.more
+        return unrecorded and not self.noise.more and not self.averaged
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""

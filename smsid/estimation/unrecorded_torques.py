@@ -1,0 +1,53 @@
+"""Where parameters may be compared at the likeliest torques, and where only in the mean over all of them.
+
+At the likeliest torques (`Problem.profiled`), inertias are right where torques have moved the craft. Along a
+combination that none has moved, residuals are the readings' noise, of rates or of wheels as the inertia is
+large or small: what fits best is chance, and looks sharp. What tells both apart is the volume of the
+innovations, as it goes with the parameters. Where torques tell them, it is a straight line over a standard
+deviation, whose slope is the error that the mean makes; where it bends, it is all that holds them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.errors import SmsidError
+from smsid.estimation.differences import principal_axes
+from smsid.estimation.flight import Flight
+from smsid.estimation.normal_equations import NormalEquations, log_volume_of
+from smsid.estimation.retraction import retract
+from smsid.estimation.trust_region import sizes
+
+STRAIGHT = 0.3  # second difference of the volume over a standard deviation to both sides, of what is told
+ASKED = 0.01  # share of what is known along an axis that the recordings tell, from which it is asked about
+WEAK = 3  # axes, those told least
+
+
+def averaged(flights: Sequence[Flight], mean: bool = True) -> list[Flight]:
+    """Return the flights with parameters compared in the ``mean`` over all torques, or at the likeliest."""
+    return [replace(f, problem=replace(f.problem, averaged=mean)) for f in flights]
+
+
+def are_told_by_torques(found: NormalEquations, flights: Sequence[Flight]) -> bool:
+    """Whether what the recordings tell least is told by torques that moved the craft, not by noise.
+
+    Asked are axes of the Gram matrix, a standard deviation to both sides. Of a single inertia that noise
+    alone tells, the volume bends by three times what is told.
+    """
+    axes = principal_axes(found)
+    told = np.einsum("ik,ij,jk->k", axes, found.information, axes)
+    wide = np.linalg.norm(axes * sizes(found)[:, None], axis=0)
+    order = [k for k in np.argsort(-wide, kind="stable") if told[k] > ASKED]
+    here = log_volume_of(found.point, flights)
+    for axis, share in zip(axes.T[order[:WEAK]], told[order[:WEAK]], strict=True):
+        try:
+            ends = [retract(found.point, found.unknowns, s * axis * found.scales) for s in (1.0, -1.0)]
+            bend = sum(log_volume_of(p, flights) for p in ends if p.physical()) - 2.0 * here
+            if not all(p.physical() for p in ends) or abs(bend) > STRAIGHT * share:
+                return False
+        except SmsidError:
+            return False
+    return True
