@@ -81,7 +81,8 @@ def _rest_unknown(found: Search) -> tuple[MapFit, dict[str, str]] | None:
         if not left:
             return here.last, lost
         worst = max(left, key=lambda t: t.ratio / max(t.freedom, 1))
-        lost[worst.where] = worst.location
+        channel = worst.where.partition("[")[0]  # its components are left for one reason
+        lost.update({t.where: t.location for t in left if t.where.partition("[")[0] == channel})
         try:
             dofs = sorted({dof for e in equations_of(found.last) if e.name in lost for dof in e.v})
             problem = with_unknown(found.last.problem, *lost, run=found.last.run, dofs=dofs)
