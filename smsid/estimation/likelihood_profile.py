@@ -196,8 +196,8 @@ def poorly_known(
 def loosely_told(covariance: np.ndarray, gradient: np.ndarray, relative: np.ndarray) -> list[int]:
     """Return the parameters through which quantities vary that are known to `POORLY` or worse, worst first.
 
-    ``covariance`` (m, m) is that of the unknowns in scales, ``gradient`` (k, m) the quantities' derivatives by
-    these, ``relative`` (k,) their standard deviations over their sizes.
+    ``covariance`` (m, m) is that of the unknowns in scales, ``gradient`` (k, m) the quantities' derivatives
+    by these, ``relative`` (k,) their standard deviations over their sizes.
     """
     along = gradient @ covariance
     shares = (
