@@ -93,10 +93,9 @@ def predicted_covariances(
         if walk.size:
             inner = known - walk.shape[1]
             added = walked(run.transition[k][:inner, inner:known], walk * passed)
-            added[inner:] = (
-                run.transition[k][inner:known, inner:known] @ added[inner:]
-            )  # inputs by their rates
-            added[:, inner:] = added[:, inner:] @ run.transition[k][inner:known, inner:known].T
+            onwards = run.transition[k][inner:known, inner:known]  # inputs by their rates
+            added[inner:] = onwards @ added[inner:]
+            added[:, inner:] = added[:, inner:] @ onwards.T
             p[:known, :known] += added
         p[range(known, width), range(known, width)] += np.asarray(wander) * passed
         p = 0.5 * (p + p.T)

@@ -37,9 +37,11 @@ def acceleration_walks(
 ) -> list[AccelerationWalk]:
     """Return how accelerations behind readings (N, k) of noise ``sigma`` (k,) wander, at ``times`` (N,) [s].
 
-    Readings are rates, or after two ``integrations`` angles. ``scales`` are the root mean squares (k,) of
-    acceleration and jerk, which the search begins about.
+    Readings are rates, or after two ``integrations`` angles; those that are missing are NaN. ``scales`` are
+    the root mean squares (k,) of acceleration and jerk, which the search begins about.
     """
+    read = np.isfinite(readings).any(axis=1)  # others' clocks are no samples
+    times, readings = times[read], readings[read]
     acceleration, jerk = (np.maximum(x, 1e-12) for x in scales)
     guesses = (np.sqrt(2.0 * acceleration * jerk), jerk * np.sqrt(2.0 * jerk / acceleration))
     ladder = 10.0**DECADES
@@ -83,15 +85,15 @@ def _log_likelihood(
     ladder, k = walks.shape
     order = start.shape[1]
     width = integrations + order
-    count = min(len(times), SPAN)
     spans = 1 if len(times) <= SPANS * SPAN else SPANS
     count = len(times) if spans == 1 else SPAN
     first = np.linspace(0, len(times) - count, spans).astype(int)
     total = np.zeros((spans, ladder, k))
     state = np.zeros((spans, ladder, k, width))
-    state[..., 0] = readings[first][:, None]
+    begins = readings[first][:, None]
+    state[..., 0] = np.where(np.isfinite(begins), begins, np.nanmean(readings, axis=0))
     p = np.zeros((spans, ladder, k, width, width))
-    p[..., 0, 0] = sigma**2
+    p[..., 0, 0] = np.where(np.isfinite(begins), 0.0, np.nanvar(readings, axis=0)) + sigma**2
     for i in range(1, integrations):
         reach = times[first + 1] - times[first]  # a rate that was not read: as of two readings
         p[..., i, i] = (2.0 * sigma / reach[:, None, None]) ** 2 + 1.0

@@ -86,3 +86,17 @@ def test_a_long_recording_is_read_in_spans():
     times, read, scales = drawn(rng, 1, 0.3, count=5 * SPAN)
     found = acceleration_walks(times, read, SIGMA, 1, scales)
     np.testing.assert_allclose([f.walk for f in found], 0.3, rtol=0.3)
+
+
+def test_clocks_of_others_change_nothing():
+    """Nor does a first reading that is missing: a state that began with it told of no walk anything."""
+    rng = np.random.default_rng(7)
+    times, read, scales = drawn(rng, 1, 0.3)
+    alone = acceleration_walks(times, read, SIGMA, 1, scales)
+    both = np.sort(np.concatenate([times, times - 0.03]))
+    among = np.full((len(both), 2), np.nan)
+    among[1::2] = read
+    assert acceleration_walks(both, among, SIGMA, 1, scales) == alone
+    among[1, 0] = np.nan
+    other = acceleration_walks(both, among, SIGMA, 1, scales)
+    np.testing.assert_allclose([f.walk for f in other], [f.walk for f in alone], rtol=0.02)
