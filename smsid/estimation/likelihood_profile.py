@@ -261,9 +261,10 @@ class _Follower:
             open_.append(not closed)
         known.sort(key=lambda x: x[0][i])
         changes, falls = np.array([c for c, _ in known]), np.array([f for _, f in known])
-        # falls that grow no more on the way out are no profile: kept are those that do
-        zero = int(np.flatnonzero((changes == 0.0).all(axis=1))[0])
-        keep = [k for k in range(len(known)) if k == zero or falls[k] > _inner(falls, zero, k)]
+        # falls that grow no more on the way out are no profile: kept are those that do, but at a bound that
+        # the maximum is at
+        zero, moved = int(np.flatnonzero((changes == 0.0).all(axis=1))[0]), changes[:, i] != 0.0
+        keep = [k for k in range(len(known)) if k == zero or (moved[k] and falls[k] > _inner(falls, zero, k))]
         LOGGER.info("profile along %s: falls %s", name, np.round(falls, 2).tolist())
         return Profile(name, i, changes[keep], falls[keep], (open_[0], open_[1]))
 

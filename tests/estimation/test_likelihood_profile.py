@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from smsid._statistics import NORMAL95
-from smsid.estimation.likelihood_profile import POORLY, Profile, loosely_told
+from smsid.estimation.likelihood_profile import POORLY, Profile, _Follower, loosely_told
 
 FALL = 0.5 * NORMAL95**2
 VALUES = np.linspace(-0.9, 0.9, 13)
@@ -41,3 +43,14 @@ def test_asked_about_are_parameters_through_which_poorly_known_quantities_vary()
     gradient = np.array([[1.0, 0.1, 0.0], [0.0, 1.0, 0.1], [0.0, 1.0, 0.2], [3.0, 1.5, 1.0]])
     assert loosely_told(covariance, gradient, np.array([0.5, 0.2, 0.3, 0.4]) * POORLY) == []
     assert loosely_told(covariance, gradient, np.array([2.0, 5.0, 4.0, 9.0]) * POORLY) == [1, 0]
+
+
+def test_at_a_bound_that_the_maximum_is_at_it_has_no_point_of_its_own(monkeypatch):
+    """The others moved, the parameter could not."""
+    below = [(np.array([0.4, 0.0]), 0.3)], False
+    above = [(np.array([1.0, 1.0]), 1.0), (np.array([2.2, 2.0]), 2.2)], True
+    monkeypatch.setattr(_Follower, "side", lambda self, i, side: below if side < 0.0 else above)
+    found = SimpleNamespace(unknowns=(SimpleNamespace(name="x"), SimpleNamespace(name="y")))
+    along = _Follower(found, None, np.eye(2), FALL, 1.0).profile(1)  # pyright: ignore
+    low, high = along.interval(np.array([0.0, 1.0]), 0.0, FALL)
+    assert low == -np.inf and 1.0 < high < 2.0
