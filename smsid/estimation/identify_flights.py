@@ -19,7 +19,7 @@ from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.flight_search import restless, search_flights
 from smsid.estimation.gaps import pieces_of
-from smsid.estimation.inertial_combinations import reported_parameters
+from smsid.estimation.inertial_combinations import reported_parameters, terms_of_total
 from smsid.estimation.likelihood_profile import (
     BentInterval,
     BetterMaximum,
@@ -37,6 +37,7 @@ from smsid.estimation.scale_conflict import scale_conflict
 from smsid.estimation.unknowns import sensor_unknowns, unknowns_of
 from smsid.estimation.unread_start import with_unread_start
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
+from smsid.identify.parameter_estimate import parse_combination
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.report import HELD, METHOD, judged_by_share
@@ -164,6 +165,8 @@ def _identify(
         _within_bounds(_with_status(r, float(s), float(share), bent.get(k), quality), unknowns, limits)
         for k, (r, s, share) in enumerate(judgements)
     ]
+    terms = terms_of_total(rows[:own])
+    parameters = [_with_terms(p, terms) if p.name == "total.mass" else p for p in parameters]
     told = [quality.sentence, *conflicts, *(c.sentence for c in disagree), *doubts]
     notes = list(dict.fromkeys(told))
     notes += [f"nothing tells the scale of '{c}': masses and inertias go with it" for c in untold]
@@ -249,6 +252,15 @@ def _with_status(
     if quality.judgement == "not explained" and found.status == "identifiable":
         return replace(found, status="not_identifiable", note=quality.reason)
     return found
+
+
+def _with_terms(total: ParameterEstimate, terms: Sequence[str]) -> ParameterEstimate:
+    """Return the total mass as the sum of ``terms``: of a single body's mass it is a second view."""
+    if not terms:
+        return total
+    if len(terms) == 1 and parse_combination(terms[0]) == {terms[0]: 1.0}:
+        return replace(total, status="by_product", note=f"the same as {terms[0]}")
+    return replace(total, note=f"{total.note}; the sum of {', '.join(terms)}".lstrip("; "))
 
 
 def _with_profile_interval(p: ParameterEstimate, bent: BentInterval) -> ParameterEstimate:

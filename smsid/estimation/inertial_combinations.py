@@ -49,6 +49,20 @@ def reported_parameters(found: NormalEquations, described: Point) -> list[Combin
     return out + _base_parameters(found, described)
 
 
+def terms_of_total(rows: Sequence[Combination]) -> tuple[str, ...]:
+    """Return the names of ``rows`` whose sum the total mass is; none where other masses are not reported."""
+    total = next((r for r in rows if r.name == "total.mass"), None)
+    masses = [r for r in rows if r.unit == "kg" and r is not total]
+    if total is None or not masses:
+        return ()
+    matrix = np.array([r.gradient for r in masses]).T
+    share = np.round(np.linalg.lstsq(matrix, total.gradient, rcond=None)[0])
+    left = np.abs(matrix @ share - total.gradient).max()
+    if left > ROUND * np.abs(total.gradient).max() or not np.isin(share, (0.0, 1.0)).all():
+        return ()
+    return tuple(r.name for r, one in zip(masses, share, strict=True) if one)
+
+
 def _polar(found: NormalEquations, i: int, described: Point) -> Combination:
     """Return the amplitude or the angle that an unknown is a component of."""
     u = found.unknowns[i]

@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from smsid.estimation.inertial_combinations import combination_name, combinations, rounded_factor
+from smsid.estimation.inertial_combinations import (
+    combination_name,
+    combinations,
+    rounded_factor,
+    terms_of_total,
+)
+from smsid.likelihood.combinations import Combination
 
 
 def test_everything_is_told_by_enough_information():
@@ -52,3 +58,14 @@ def test_factors_have_the_digits_that_their_effect_asks_for():
     assert abs(rounded_factor(0.123456789, 1e-6) - 0.123456789) <= 1e-6
     factors = np.array([rounded_factor(-0.123456789, 1e-7), 1.0])
     assert combination_name(factors, 1, ["a.m", "b.m"]) == f"b.m - {-float(factors[0])!r} a.m"
+
+
+def test_the_total_mass_is_the_sum_of_the_masses_that_are_reported():
+    def row(name, unit, *gradient):
+        return Combination(name, unit, 1.0, np.array(gradient), 1.0)
+
+    total, tank = row("total.mass", "kg", 1, 1, 0), row("tank.mass", "kg", 0, 1, 0)
+    bus, inertia = row("bus.m", "kg", 1, 0, 0), row("bus.Ixx", "kg m^2", 0, 0, 1)
+    assert terms_of_total([total, tank, bus, inertia]) == ("tank.mass", "bus.m")
+    assert terms_of_total([row("total.mass", "kg", 1, 0, 0), bus, inertia]) == ("bus.m",)
+    assert terms_of_total([total, bus, inertia]) == terms_of_total([bus, inertia]) == ()
