@@ -17,6 +17,7 @@ from smsid.control.pd import MeasuredState
 from smsid.errors import ControlError
 from smsid.kernel.flight import Senses
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import ErrorModel
 from smsid.sensing.observe import NoiseStreams
 from smsid.sensing.sensor import Sensor
@@ -189,7 +190,11 @@ def _stream(
     )
     linear = None
     if error.misaligned or error.scaled:
-        only = ErrorModel(**{k: getattr(error, k) for k in LINEAR})
+        own = ("scale_error", "misalignment")
+        parts = {
+            key: ComponentError(**{k: getattr(p, k) for k in own}) for key, p in error.components.items()
+        }
+        only = ErrorModel(**{k: getattr(error, k) for k in LINEAR}, components=parts)
         linear = _with(sensor, quantity, only).measure(
             quantity, np.arange(size) / rate, np.eye(size), fresh(), delayed=True
         )

@@ -105,7 +105,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         unknown_inputs=(*unknown, *further),
         bias_walks=bias_walks(data),
     )
-    notes += held + dropped + doubts + _left_out(data)
+    notes += held + dropped + doubts
     names = {int(v): n for g in (model.arm_joints, model.wheels) for n, v in zip(g.names, g.v, strict=True)}
     return Flight(label, model, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
 
@@ -126,15 +126,6 @@ def _without_noise(data: Measurements) -> list[str]:
                 f"{data.sigma[block.rows].max():.3g} is stated; leave the channel out"
             )
     return said
-
-
-def _left_out(data: Measurements) -> list[str]:
-    """Return which stated errors of sensors are not taken into account: axes that differ by station."""
-    return [
-        f"misalignment_sigma of '{b.channel}' is not taken into account: each station has axes of its own"
-        for b in data.blocks
-        if b.stations > 1 and np.any(b.sensor.error(b.quantity).misalignment_sigma)
-    ]
 
 
 def _without_outliers(data: Measurements) -> tuple[Measurements, list[str]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import block_diag
 from scipy.special import erf
 
 from smsid._time_text import time_text
@@ -359,8 +360,7 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
         bias = bias + turn @ np.asarray(errors.misalignment, dtype=float)
     else:
         if errors.misaligned:
-            turned = pin.exp3(np.asarray(errors.misalignment, dtype=float))
-            into = np.kron(np.eye(width // axes), turned.T)
+            into = np.array(block_diag(*(pin.exp3(t).T for t in errors.turns(shape).reshape(-1, 3))))
         gain = turn @ ((1.0 + scale).reshape(-1, 1) * into) @ turn.T
     bend = Bend(into @ turn.T, turn, bent.ravel()) if bent.any() else None
     plain = bend is None and not bias.any() and np.allclose(gain, np.eye(width), rtol=0.0, atol=1e-15)

@@ -276,7 +276,7 @@ def _with_error(sensor: Sensor, quantity: str, term: str, place: tuple[int, int]
     """
     errors, (index, count) = sensor.error(quantity), place
     update: dict[str, object]
-    if sensor.kind == "accelerometers" and term != "misalignment":
+    if sensor.kind == "accelerometers":
         key = f"{index // 3},{index % 3}"
         own = errors.components.get(key, ComponentError())
         own = own.model_copy(update={term: getattr(own, term) + value})

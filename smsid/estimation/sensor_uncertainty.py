@@ -48,7 +48,9 @@ def _stated(data: Measurements, block: ChannelSlice) -> np.ndarray:
     there = np.flatnonzero(np.isfinite(x).all(axis=1))
     first = x[there[0]] if len(there) else np.zeros(x.shape[1])
     own = np.resize(bias, x.shape[1]) ** 2 + (np.resize(scale, x.shape[1]) * first) ** 2
-    return own + float(turn.max() * np.linalg.norm(first)) ** 2
+    if turn.any():
+        own = own + np.repeat(turn.max() * np.linalg.norm(first.reshape(-1, 3), axis=1), 3) ** 2
+    return own
 
 
 def _moved(effect: Effect, p: Parameter) -> Effect | None:

@@ -10,7 +10,7 @@ import numpy as np
 from smsid.effects.base import Effect
 from smsid.effects.sensor import UNITS
 from smsid.errors import DescriptionError
-from smsid.estimation.measurements import component_labels
+from smsid.estimation.measurements import WIDTH, component_labels
 from smsid.estimation.parameter_vector import Kind, Point, Polar, Unknown
 from smsid.likelihood.parameters import body_size
 from smsid.likelihood.prior import CAD, EFFECT, Cad
@@ -89,7 +89,7 @@ def sensor_unknowns(
             if channel not in taken:  # a walk is followed about a value that it hardly begins off
                 stated.append(("bias", "bias", UNITS[quantity], np.hypot(bias, walk)))
             stated.append(("scale", "sensor", "1", np.asarray(errors.scale_sigma, dtype=float)))
-            if len(labels) == 3:
+            if quantity in WIDTH:
                 turned = np.asarray(errors.misalignment_sigma, dtype=float)
                 stated.append(("misalignment", "sensor", "rad", turned))
             for term, kind, unit, sigma in stated:

@@ -58,8 +58,9 @@ def on_event_clocks(recording: Recording, sensors: Sequence[Sensor]) -> Recordin
 
 def _known(error: ErrorModel) -> bool:
     parts = [error, *error.components.values()]
-    fixed = any(np.any(p.bias) or np.any(p.scale_error) or p.stuck_from is not None for p in parts)
-    return fixed or any(error.misalignment) or _bent(error)
+    terms = ("bias", "scale_error", "misalignment")
+    fixed = any(np.any(getattr(p, term)) for p in parts for term in terms)
+    return fixed or any(p.stuck_from is not None for p in parts) or _bent(error)
 
 
 def _bent(error: ErrorModel) -> bool:
@@ -76,15 +77,18 @@ def _undone(error: ErrorModel, times: np.ndarray, values: np.ndarray, quantity: 
         good = np.flatnonzero(np.isfinite(values).all(axis=1))
         values[good] = (Rotation.from_quat(values[good]) * Rotation.from_quat(added[good]).inv()).as_quat()
     else:
-        straight = moving.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
+        parts = {k: p.model_copy(update={"misalignment": 0.0}) for k, p in parts.items()}
+        straight = moving.model_copy(update={"misalignment": (0.0, 0.0, 0.0), "components": parts})
         bias = straight.systematic(times, np.zeros(values.shape), delayed=True)
         factor = straight.systematic(times, np.ones(values.shape), delayed=True) - bias
         read, values = values, (values - bias) / factor
         for _ in range(ROUNDS if _bent(error) else 0):
             again = straight.systematic(times, np.nan_to_num(values), delayed=True)
             values = values - (again - read) / factor
-        if any(error.misalignment):
-            values = values @ Rotation.from_rotvec(error.misalignment).as_matrix().T
+        if error.misaligned:
+            turned = Rotation.from_rotvec(error.turns(values.shape).reshape(-1, 3)).as_matrix()
+            apart = values.reshape(len(values), -1, 3)
+            values = np.einsum("kij,nkj->nki", turned, apart).reshape(values.shape)
     if error.stuck_from is not None:
         values[times >= error.stuck_from] = np.nan
     for key, part in error.components.items():

@@ -22,6 +22,7 @@ class ComponentError(BaseModel):
         bias: added to the quantity's [unit], from ``bias_from`` [s] on if given.
         scale_error: added to the quantity's [1].
         scale_slope: added to the quantity's [1/unit].
+        misalignment: turn about this axis, added to the quantity's rotation vector [rad].
         quantisation: step, where it is coarser than the quantity's [unit].
         outlier_rate: share of samples that are outliers, beside the quantity's.
         outlier_size: standard deviation of those outliers [unit].
@@ -34,6 +35,7 @@ class ComponentError(BaseModel):
     bias_from: Finite | None = None
     scale_error: Finite = 0.0
     scale_slope: Finite = 0.0
+    misalignment: Finite = 0.0
     quantisation: Magnitude = 0.0
     outlier_rate: Share = 0.0
     outlier_size: Magnitude = 0.0

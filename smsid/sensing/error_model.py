@@ -148,12 +148,16 @@ class ErrorModel(BaseModel):
     @property
     def misaligned(self) -> bool:
         """Whether the axes are turned."""
-        return is_given(self.misalignment) or is_given(self.misalignment_sigma)
+        fixed = any(is_given(p.misalignment) for p in (self, *self.components.values()))
+        return fixed or is_given(self.misalignment_sigma)
 
     @property
     def scaled(self) -> bool:
         """Whether the scale is wrong."""
-        return is_given(self.scale_error) or is_given(self.scale_slope) or is_given(self.scale_sigma)
+        parts = (self, *self.components.values())
+        return is_given(self.scale_sigma) or any(
+            is_given(p.scale_error) or is_given(p.scale_slope) for p in parts
+        )
 
     @property
     def limited(self) -> bool:
@@ -274,6 +278,13 @@ class ErrorModel(BaseModel):
         whole = tuple(slice(None) for _ in shape)
         return [(whole, self), *((place_of(key, shape), part) for key, part in self.components.items())]
 
+    def turns(self, shape: tuple[int, ...]) -> FloatArray:
+        """Return the fixed turns (..., 3) [rad] of the axes of values of a ``shape`` (N, ..., 3)."""
+        found = np.zeros((1, *shape[1:]))
+        for place, part in self.parts(found.shape):
+            found[place] += part.misalignment
+        return found[0]
+
     def _scale(self, x: FloatArray, rng: np.random.Generator | None) -> FloatArray:
         factor = np.zeros(x.shape) + (1.0 + fixed_errors(0.0, self.scale_sigma, x.shape, rng))
         for place, part in self.parts(x.shape):
@@ -316,7 +327,8 @@ class ErrorModel(BaseModel):
     def _misalign(self, x: FloatArray, rng: np.random.Generator | None, attitude: bool) -> FloatArray:
         if not self.misaligned:
             return x
-        turns = fixed_errors(self.misalignment, self.misalignment_sigma, (*x.shape[:-1], 3), rng)
+        shape = (*x.shape[:-1], 3)
+        turns = fixed_errors(self.turns(shape), self.misalignment_sigma, shape, rng)
         if attitude:
             return compose(x, Rotation.from_rotvec(turns))
         matrix = Rotation.from_rotvec(np.reshape(turns, (-1, 3))).as_matrix().reshape(*turns.shape[:-1], 3, 3)

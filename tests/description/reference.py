@@ -36,7 +36,7 @@ USE = {
     "scale_slope": KNOWN,
     "scale_sigma": DRAWN,
     "misalignment": KNOWN,
-    "misalignment_sigma": f"{DRAWN}; not where a channel has several stations",
+    "misalignment_sigma": DRAWN,
     "quantisation": NOISE,
     "saturation": "readings at it are left out",
     "delay": KNOWN,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from smsid.errors import RecordingError
 from smsid.estimation import kalman
@@ -14,14 +15,17 @@ from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.measurements import _block, measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.smoother import predicted_covariances
+from smsid.model import build_model
 from smsid.recording import Recording
-from smsid.sensing import Sensor
+from smsid.sensing import Sensor, observe
 from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import GAUSS_MARKOV_ALLAN_PEAK, ErrorModel
+from smsid.simulate import Inputs, Sampled, simulate, truth_of
 from smsid.tracking import Tracker
 from smsid.tracking.followed_parameters import followed_parameters
 from smsid.tracking.sample import samples_of
 from tests.estimation.satellite import Satellite, guess, recorded, true_values
+from tests.identify.support import paper
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
 WALK = 3e-5  # [rad/s/sqrt(s)]
@@ -244,3 +248,43 @@ def test_a_tracker_reads_nothing_that_is_stuck(flown, tmp_path):
     read = {u.time: any("gyro.angular_rate" in c for c in u.rows) for u in updates}
     assert all(seen == (t < 3.0) for t, seen in read.items())
     assert len(set(read.values())) == 2
+
+
+def test_each_station_has_axes_of_its_own():
+    """Accelerometers along a panel, each turned by itself: what is left is noise."""
+    terms = {"misalignment_sigma": 0.03}
+    description = paper()
+    sensors = [s.model_copy(update={"rate": 20.0}) for s in description.effective_sensors()]
+    sensors = [
+        s.model_copy(update={"errors": {"acceleration": s.error("acceleration").model_copy(update=terms)}})
+        if s.kind == "accelerometers"
+        else s
+        for s in sensors
+    ]
+    description = description.with_sensors(*sensors)
+    model = build_model(description)
+    clock = np.arange(201) / 20.0
+    pushed = np.column_stack([20.0 * np.sign(np.sin(w * clock + 0.1)) for w in (0.7, 0.9, 1.3)])
+    turned = np.column_stack([0.5 * np.sin(w * clock) for w in (0.5, 0.8, 1.1)])
+    inputs = {"force": pushed, "wheel_torque": turned}
+    held = {n: Sampled.from_samples(clock, x, degree=0) for n, x in inputs.items()}
+    motion = simulate(model, Inputs(**held), 10.0)
+    recording = observe(
+        truth_of(motion, sensors),
+        sensors,
+        start=0.0,
+        stop=10.0,
+        rng=np.random.default_rng(0),
+        exact=["command.force", "command.wheel_torque"],
+        labels={"wheel": model.wheels.names, "joint": model.arm_joints.names},
+    )
+    found = identify_flights(description, [recording], bodies=False)
+    assert found.quality.judgement == "explained"
+    assert found.quality.widening == 1.0
+    turns = [p for p in found.estimate.parameters if "panel.acceleration.misalignment" in p.name]
+    assert len(turns) == 9
+    assert max(abs(p.value) for p in turns) > 0.03
+    own = [p for p in found.estimate.parameters if p.status == "identifiable"]
+    assert len(own) > 4
+    z = np.array([(p.value - p.nominal) / p.sigma for p in own])
+    assert z @ z < chi2.ppf(0.99, len(z))

@@ -20,6 +20,7 @@ from smsid.identify.sensor_roles import Roles
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor, add_noise
+from smsid.sensing.component import ComponentError
 
 EFFECTS = (
     SensorBias(name="b1", sensor="imu", quantity="acceleration", bias=(0.1, -0.2, 0.3), start=1.0),
@@ -66,9 +67,16 @@ def without_noise(sensors: tuple[Sensor, ...]) -> list[Sensor]:
 
 
 def test_what_sensors_make_of_a_truth_is_undone():
-    sensors = twin.description().with_effects(*EFFECTS).effective_sensors()
+    turned = {"components": {"1,2": ComponentError(misalignment=0.2)}}
+    sensors = tuple(
+        s.model_copy(update={"errors": {"acceleration": s.error("acceleration").model_copy(update=turned)}})
+        if s.kind == "accelerometers"
+        else s
+        for s in twin.description().with_effects(*EFFECTS).effective_sensors()
+    )
     clean = truth()
     with_error = add_noise(clean, without_noise(sensors), np.random.default_rng(0))
+    assert np.abs(with_error["panel.acceleration"] - clean["panel.acceleration"]).max() > 0.1
     assert np.abs(with_error["imu.acceleration"] - clean["imu.acceleration"]).max() > 0.1
     found = correct_readings(with_error, sensors)
     for name in clean.channels:

@@ -156,3 +156,22 @@ def test_the_systematic_part_of_an_oriented_sensor_acts_along_its_axes() -> None
     np.testing.assert_allclose(
         pose.measure("attitude", TIMES, turn, None), pose.measure("attitude", TIMES, turn, rng()), atol=1e-15
     )
+
+
+def test_axes_of_single_stations_are_turned() -> None:
+    turns = np.array([[0.1, 0.0, 0.2], [0.1, -0.3, 0.2]])
+    more = {"1,1": {"misalignment": -0.3}}
+    model = ErrorModel.model_validate({"misalignment": (0.1, 0.0, 0.2), "components": more})
+    x = wave((2, 3))
+    expected = np.stack([Rotation.from_rotvec(t).inv().apply(x[:, k]) for k, t in enumerate(turns)], axis=1)
+    np.testing.assert_allclose(model.apply(TIMES, x, rng()), expected, atol=1e-15)
+    np.testing.assert_allclose(model.turns((len(TIMES), 2, 3)), turns)
+    with pytest.raises(ValidationError, match="misalignment has no meaning"):
+        Sensor.model_validate(
+            {
+                "name": "e",
+                "kind": "encoder",
+                "rate": 1.0,
+                "errors": {"joint_position": {"components": {"1": {"misalignment": 0.1}}}},
+            }
+        )
