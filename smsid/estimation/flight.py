@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -12,14 +13,15 @@ import pinocchio as pin
 from smsid.errors import RecordingError
 from smsid.estimation.bias_walk import bias_walks, with_walk_noise
 from smsid.estimation.initial_state import InitialPrior, initial_belief
-from smsid.estimation.input_hold import input_channels, mixed, stepwise
+from smsid.estimation.input_hold import Hold, commanded, input_channels, integral, mixed, stepwise
 from smsid.estimation.input_timing import timings
 from smsid.estimation.measurements import OUTLIER, WIDTH, ChannelSlice, Measurements, measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, UnknownInput
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
-from smsid.estimation.torque_walk import UNKNOWN, acceleration_walks
+from smsid.estimation.torque_walk import UNKNOWN, AccelerationWalk, acceleration_walks
 from smsid.identify.sensor_correction import without_known_errors
+from smsid.inputs.signals import sample
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -244,10 +246,15 @@ def _unknown_torques(
 ) -> list[UnknownInput]:
     """Return the torques of what follows its measured motion: as lively as that motion says they are.
 
-    On top of a recorded command they are random walks, by guess.
+    Beside a recorded command, as lively as what that leaves of the motion: what it does not move in the
+    joint by itself, held or linear between samples as is likelier.
     """
     found: list[UnknownInput] = []
-    mass = np.diag(pin.crba(model.pin, model.pin.createData(), model.home))
+    inertia = pin.crba(model.pin, model.pin.createData(), model.home)
+    mass = np.diag(inertia)
+    alone = 1.0 / np.diag(np.linalg.inv(np.triu(inertia) + np.triu(inertia, 1).T))
+    holds: list[Hold] = list(dict.fromkeys(t.hold for t in timings(recording)))
+    signals = [commanded(model, recording, h, required=False) for h in holds]
     for group, torque, quantities in (
         (model.arm_joints, "joint_torque", ("joint_velocity", "joint_position")),
         (model.wheels, "wheel_torque", ("wheel_rate",)),
@@ -256,22 +263,17 @@ def _unknown_torques(
         if not free:
             continue
         block = next(b for q in quantities for b in data.blocks if b.quantity == q)
-        acceleration, jerk, interval = _motion_scales(data, block)
-        size = mass[group.v] * acceleration
+        integrations = 2 if block.quantity == "joint_position" else 1
+        readings, sigma = data.values[:, block.rows], data.sigma[block.rows]
+        size = mass[group.v] * _motion_scales(data.times, readings, integrations)[0]
+        moved = [np.zeros_like(readings)]
         if torque in inputs:
-            commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
-            size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
-        walk, slope = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval), np.zeros(len(group))
-        if torque not in inputs:
-            told = acceleration_walks(
-                data.times,
-                data.values[:, block.rows],
-                data.sigma[block.rows],
-                2 if block.quantity == "joint_position" else 1,
-                (acceleration, jerk),
-            )
-            walk = LIVELY * mass[group.v] * [t.walk for t in told]
-            slope = mass[group.v] * [t.slope for t in told]
+            commands = [getattr(s, torque) for s in signals]
+            size = np.maximum(size, np.sqrt(np.nanmean(sample(commands[0], data.times) ** 2, axis=0)))
+            moved = [integral(c, data.times, integrations) / alone[group.v] for c in commands]
+        told = _likeliest_walks(data.times, [readings - m for m in moved], sigma, integrations)
+        walk = LIVELY * mass[group.v] * [t.walk for t in told]
+        slope = mass[group.v] * [t.slope for t in told]
         for i in free:
             own = int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])
             row = block.rows.start + i
@@ -279,26 +281,35 @@ def _unknown_torques(
     return found
 
 
-def _motion_scales(data: Measurements, block: ChannelSlice) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the root mean square acceleration and jerk (k,) of a channel of angles or rates (N, k).
+def _likeliest_walks(
+    times: np.ndarray, readings: Sequence[np.ndarray], sigma: np.ndarray, integrations: int
+) -> list[AccelerationWalk]:
+    """Return how accelerations wander behind the likeliest of several readings (N, k)."""
+    each = [
+        acceleration_walks(times, x, sigma, integrations, _motion_scales(times, x, integrations))
+        for x in readings
+    ]
+    return max(each, key=lambda walks: sum(w.log_likelihood for w in walks))
 
-    Also the median time between its samples [s]. From parabolas or cubics through `WINDOW` [s] of it.
+
+def _motion_scales(times: np.ndarray, x: np.ndarray, integrations: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the root mean square acceleration and jerk (k,) of rates x (N, k), or after two ``integrations``
+    angles, at ``times`` (N,) [s].
+
+    From parabolas or cubics through `WINDOW` [s] of it.
     """
-    x = data.values[:, block.rows]
     there = np.isfinite(x).all(axis=1)
-    t, x = data.times[there], x[there]
-    interval = float(np.median(np.diff(t)))
-    half = max(4, round(0.5 * WINDOW / interval))
-    order = 3 if block.quantity == "joint_position" else 2
+    t, x = times[there], x[there]
+    half = max(4, round(0.5 * WINDOW / float(np.median(np.diff(t)))))
     if len(t) < 2 * half + 2:
-        return np.zeros(x.shape[1]), np.zeros(x.shape[1]), interval
+        return np.zeros(x.shape[1]), np.zeros(x.shape[1])
     accelerations, jerks = [], []
     for k in range(half, len(t) - half, max(half, len(t) // 2000)):
         own = slice(k - half, k + half + 1)
-        fit = np.polynomial.polynomial.polyfit(t[own] - t[k], x[own], order)
-        accelerations.append((2.0 * fit[2] if order == 3 else fit[1]) ** 2)
-        jerks.append((6.0 * fit[3] if order == 3 else 2.0 * fit[2]) ** 2)
-    return np.sqrt(np.mean(accelerations, axis=0)), np.sqrt(np.mean(jerks, axis=0)), interval
+        fit = np.polynomial.polynomial.polyfit(t[own] - t[k], x[own], integrations + 1)
+        accelerations.append((integrations * fit[integrations]) ** 2)
+        jerks.append((integrations * (integrations + 1) * fit[integrations + 1]) ** 2)
+    return np.sqrt(np.mean(accelerations, axis=0)), np.sqrt(np.mean(jerks, axis=0))
 
 
 def _disturbances(

@@ -101,4 +101,4 @@ def _descend(
         trial = normal_equations(point, found.unknowns, flights)
         return trial.objective, lambda: trial
 
-    return descend(found, radius, TRIES, look)
+    return descend(found, radius, TRIES, look, lengthen=found.exact)

@@ -15,6 +15,7 @@ from smsid.estimation.retraction import retract
 
 LOGGER = logging.getLogger(__name__)
 WEAK, GOOD = 0.25, 0.75  # shares of the promised gain below which steps are shortened, above which they grow
+LONGER, LONGEST = 1.5, 10.0  # times as long as a step may be tried: less is not worth a look
 GROWN = 3.0  # times as far the next step may go after one that gained what it promised
 LEAST, MOST = -12.0, 12.0  # logarithms of the damping: none to speak of, and no step to speak of
 SHORTER = (0.05, 0.5)  # of a step that led up, what the next may be: at least, at most
@@ -59,12 +60,18 @@ Q = TypeVar("Q", bound=Quadratic)
 
 
 def descend(
-    found: Q, radius: float, tries: int, look: Callable[[Point], tuple[float, Callable[[], Q]]]
+    found: Q,
+    radius: float,
+    tries: int,
+    look: Callable[[Point], tuple[float, Callable[[], Q]]],
+    *,
+    lengthen: bool = False,
 ) -> tuple[Q | None, float]:
     """Return the normal equations a step on, within ``radius`` and leading down, and the next radius.
 
     ``look`` gives the objective at a point and what makes the normal equations there. ``None`` where no step
-    of the ``tries`` leads down to where every body can exist.
+    of the ``tries`` leads down to where every body can exist. A step that gains more than it promised is
+    tried longer if asked to ``lengthen``: where normal equations cost many times what a look does.
     """
     for _ in range(tries):
         step = bounded_step(found, damping_within(found, radius))
@@ -77,11 +84,31 @@ def descend(
                 if gained > 0.0:
                     share = gained / predicted_gain(found, step)
                     grown = max(radius, GROWN * length) if share > GOOD else radius
-                    return equations(), 0.5 * length if share < WEAK else grown
+                    radius = 0.5 * length if share < WEAK else grown
+                    longer = _lengthened(found, step, gained) if lengthen else None
+                    if longer is not None and longer.physical():
+                        further, there = look(longer)
+                        if further < objective:
+                            return there(), radius
+                    return equations(), radius
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("step refused: %s", error)
         radius = next_radius(length, float(found.slope @ step), -gained)
     return None, radius
+
+
+def _lengthened(found: Quadratic, step: np.ndarray, gained: float) -> Point | None:
+    """Return where the parabola through a step that ``gained`` has its lowest point, ``None`` for not beyond.
+
+    Where curvatures are taken too large, steps are too short in every round, and a search creeps.
+    """
+    slope = float(found.slope @ step)
+    curvature = 2.0 * (slope - gained)
+    times = slope / curvature if curvature > slope / LONGEST else LONGEST
+    if times < LONGER:
+        return None
+    low, high = room_within_bounds(found.point, found.unknowns)
+    return retract(found.point, found.unknowns, np.clip(times * step, low, high) * found.scales)
 
 
 def predicted_gain(found: Quadratic, step: np.ndarray) -> float:
