@@ -47,18 +47,20 @@ class FitQuality:
 
     ``dispersion`` is the spread of the slope of the likelihood over parts of the recordings, in standard
     deviations of what it is if the model is right. ``conflict``: with what was known beforehand, priors or
-    the scale of what drives the motion, if any.
+    the scale of what drives the motion, if any. ``model_error``: share of what drives the motion that the
+    model errs by likeliest, where the estimate counts it.
     """
 
     channels: tuple[ChannelFit, ...]
     dispersion: float
     conflict: PriorConflict | ScaleConflict | None = None
+    model_error: float = 0.0
 
     @property
     def judgement(self) -> Judgement:
         """The verdict on the whole: of channels, spread of the slope and agreement with priors, the worst."""
         worst = max((BEST_FIRST.index(c.judgement) for c in self.channels), default=0)
-        worst = max(worst, 1 if self.dispersion > DISPERSED else 0)
+        worst = max(worst, 1 if self.dispersion > DISPERSED or self.model_error else 0)
         if self.conflict is not None:
             worst = max(worst, 2 if self.conflict.size > WRONG else 1)
         return BEST_FIRST[worst]
@@ -68,6 +70,11 @@ class FitQuality:
         """Factor on standard deviations: spread of the slope, misfit of channels or priors, the largest."""
         worst = max((c.ratio for c in self.channels if c.judgement == "not explained"), default=1.0)
         return max(1.0, self.dispersion, worst, 1.0 if self.conflict is None else self.conflict.size)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether no channel leaves more than its noise: what a model errs by is slow, if anything."""
+        return all(c.ratio <= LOUD for c in self.channels) and self.conflict is None
 
     @property
     def reason(self) -> str:
@@ -80,7 +87,10 @@ class FitQuality:
     def sentence(self) -> str:
         """The verdict in a sentence."""
         spread = (
-            "parts of the recordings disagree by more than noise, "
+            f"it errs slowly, by about {100.0 * self.model_error:.1g} % of what drives the motion, which "
+            "intervals count"
+            if self.model_error
+            else "parts of the recordings disagree by more than noise, "
             f"as if it were {self.dispersion:.3g} times as large"
         )
         if self.conflict is not None and all(c.judgement != "not explained" for c in self.channels):

@@ -99,16 +99,16 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     if unrecorded and are_told_by_torques(found, flights):
         likeliest = averaged(flights, mean=False)
         try:
-            better, more = _settled(*maximise(found.point, unknowns, likeliest, tell=tell), likeliest, tell)
+            better, more = settled(*maximise(found.point, unknowns, likeliest, tell=tell), likeliest, tell)
             if are_told_by_torques(better, likeliest):  # it has not gone off to where noise fits noise
                 return better, likeliest, visited + more
         except NotIdentifiableError as error:
             LOGGER.info("not at the likeliest torques: %s", error)
-    found, more = _settled(found, [], flights, tell)
+    found, more = settled(found, [], flights, tell)
     return found, flights, visited + more
 
 
-def _settled(
+def settled(
     found: NormalEquations, visited: list[NormalEquations], flights: list[Flight], tell: Tell | None
 ) -> tuple[NormalEquations, list[NormalEquations]]:
     """Return the maximum, by differences of whole runs where slopes along states do not lead there."""

@@ -17,7 +17,7 @@ from smsid.estimation.commands_between_samples import undecided
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
-from smsid.estimation.flight_search import restless, search_flights
+from smsid.estimation.flight_search import restless, search_flights, settled
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported_parameters, terms_of_total
 from smsid.estimation.likelihood_profile import (
@@ -28,6 +28,7 @@ from smsid.estimation.likelihood_profile import (
     loosely_told,
     poorly_known,
 )
+from smsid.estimation.loosening import with_likeliest_error
 from smsid.estimation.maximum import maximise
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.panels import modal_panels, plain_panels
@@ -131,10 +132,16 @@ def _identify(
         )
     prepared = time.perf_counter()
     found, flights, visited = search_flights(described, unknowns, flights, tell)
+    error = 0.0
+    if fit_quality(found).quiet:
+        flights, error = with_likeliest_error(found.point, flights)
+        if error:
+            found, more = settled(*maximise(found.point, unknowns, flights, tell=tell), flights, tell)
+            visited += more
     doubt, doubts = undecided(found, flights)
     searched = time.perf_counter()
     for _ in range(RESTARTS):
-        quality = fit_quality(found)
+        quality = replace(fit_quality(found), model_error=error)
         rows = [_as_density(r, densities) for r in reported_parameters(found, described)]
         own = len(rows)
         rows += [_bias(u, i, found) for i, u in enumerate(unknowns) if u.of_recording]
@@ -194,7 +201,8 @@ def _identify(
             "iterations": float(len(visited) - 1),
             "dispersion": quality.dispersion,
             "widening": quality.widening,
-        },
+        }
+        | ({"model_error": error} if error else {}),
         history=_history(visited),
         covariance=spread,
     )

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight, longest_step, longest_substep
@@ -21,6 +22,8 @@ LOGGER = logging.getLogger(__name__)
 # slopes along states lead astray: they do not know that a likelihood falls with the mass, as noise is a force
 FIRST, STEP, FURTHEST = 0.3, 0.1, 5
 NEARLY = 0.1  # of log-likelihood a reading, that a model which does not err may lack for a search to begin
+SMALL, COARSE = (-5.0, -4.0, -3.0, -2.0), {"xatol": 0.2}  # powers of ten: shares that a fit may err by
+CLEARLY = 5.0  # gain of the log-likelihood with which a model errs
 
 MANY = 1000
 """Samples of a flight that first searches need: of more, those that the filter's linearisation does not."""
@@ -55,6 +58,28 @@ def likeliest_share(point: Point, flights: Sequence[Flight], most: float) -> flo
     LOGGER.info("errs by %.2g: %.1f, strict %.1f", share, likely(power), strict)
     readings = sum(int(np.isfinite(f.problem.data.values).sum()) for f in flights)
     return share if likely(power) > strict + NEARLY * readings else 0.0
+
+
+def with_likeliest_error(point: Point, flights: Sequence[Flight]) -> tuple[list[Flight], float]:
+    """Return the flights with a model that may err by the share of what drives it that is likeliest at a
+    point, and that share; 0 where none is clearly likelier than a model that does not err.
+    """
+    strict = _likelihood(point, flights, 0.0)
+
+    @cache
+    def gained(power: float) -> float:
+        return _likelihood(point, flights, 10.0**power) - strict
+
+    best = max(SMALL, key=gained)
+    if gained(best) > 0.0:
+        ends = best - 1.0, best + 1.0
+        near = minimize_scalar(lambda x: -gained(x), bounds=ends, method="bounded", options=COARSE)
+        best = max(best, float(near.x), key=gained)
+    share, more = 10.0**best, gained(best)
+    LOGGER.info("errs by %.2g: log-likelihood %+.1f", share, more)
+    if more < CLEARLY:
+        return list(flights), 0.0
+    return [replace(f, problem=loosen_model(f.model, f.problem, share)) for f in flights], share
 
 
 def _likelihood(point: Point, flights: Sequence[Flight], share: float) -> float:

@@ -14,7 +14,7 @@ from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.loosening import FIRST, likeliest_share, thinned
 from smsid.estimation.parameter_vector import Point
 
-from .satellite import Satellite, guess, recorded
+from .satellite import Satellite, guess, recorded, true_values
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
 
@@ -62,3 +62,32 @@ def test_they_do_not_change_what_is_found(tmp_path, recording, monkeypatch):
     for p in found[1].parameters:
         assert abs(found[0][p.name].value - p.value) < 0.1 * p.sigma
         assert found[0][p.name].sigma == pytest.approx(p.sigma, rel=1e-2)
+
+
+def burning(t):
+    k, force = int(t // 5.0), np.zeros(3)
+    force[k % 3] = 2.0 if (k // 3) % 2 == 0 else -2.0
+    torque = 0.05 * np.sin(2 * np.pi * np.array([0.04, 0.06, 0.09]) * t + [0, 1, 2])
+    return force, torque, 0.1 * np.sin(2 * np.pi * np.array([0.05, 0.083, 0.031]) * t)
+
+
+@pytest.mark.parametrize("tank", [0.3, 1e-9])
+def test_what_a_model_errs_by_counts_in_intervals_where_noise_hides_it(tmp_path, tank):
+    """A tank of 0.3 kg that nobody lists leaves no channel louder than noise."""
+    truth = replace(RIGID, tank=(tank, 0.36 * tank, 0.06 * tank))
+    made = recorded(truth, truth.fly(40.0, burning, 0.1), np.random.default_rng(0), every=1)
+    found = identify_flights(guess(tmp_path, truth, tank=False, panel=False), [made])
+    true, (m, _, _), at = true_values(truth, tank=False, panel=False), truth.tank, np.array(truth.tank_at)
+    still = m * ((at @ at) * np.eye(3) - np.outer(at, at))
+    true["bus.m"] = true["total.mass"] = truth.mass + m
+    true |= {f"bus.m{a}": true[f"bus.m{a}"] + m * x for a, x in zip("xyz", at, strict=True)}
+    pairs = [(i, k) for i in range(3) for k in range(i, 3)]
+    true |= {(n := f"bus.I{'xyz'[i]}{'xyz'[k]}"): true[n] + still[i, k] for i, k in pairs}
+    off = [(p.value - true[p.name]) / p.sigma for p in found.estimate.parameters if p.name in true]
+    assert len(off) >= 10
+    np.testing.assert_allclose(off, 0.0, atol=3.0)
+    assert all(c.judgement == "explained" for c in found.quality.channels)
+    listed = tank < 1e-3
+    assert found.quality.judgement == ("explained" if listed else "roughly")
+    assert (found.quality.model_error == 0.0) is listed
+    assert listed or "errs slowly" in found.quality.sentence
