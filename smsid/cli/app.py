@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import logging
 import re
@@ -155,6 +156,8 @@ def main() -> None:
     given = [a for a in sys.argv[1:] if ARGUMENT.match(a)]
     # a full collection looks at all that was imported: seldom, it finds little
     gc.set_threshold(*gc.get_threshold()[:2], 100)
+    # nor does the one that ends the process, a quarter of a second after numba has been imported
+    atexit.register(gc.freeze)
     try:
         with xacro_arguments(dict(a.split(":=", 1) for a in given)):
             rest = [a for a in sys.argv[1:] if a not in given]
