@@ -39,9 +39,9 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
     data = problem.data
     prior = initial_belief(model, data, problem.locked, InitialPrior(hidden=problem.noise.hidden))
     weight = np.linalg.pinv(prior.covariance, hermitian=True)
-    closed = closed or run_filter(model, problem)
+    closed, alone = closed or run_filter(model, problem), _Alone(model, problem)
     at = _smoothed_start(model, problem, closed)
-    used, best = closed.used, replace(_simulated(model, problem, at), used=closed.used)
+    used, best = closed.used, replace(alone.simulated(at), used=closed.used)
     by_start, exact = _by_start(closed, model.nv), False
     level = _levels(data, best)
     cost = _cost(best, level)
@@ -60,7 +60,7 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
             q = pin.integrate(model.pin, at.q, share * step[: model.nv])
             trial = replace(at, q=q, v=at.v + share * step[model.nv :])
             try:
-                run = replace(_simulated(model, problem, trial), used=used)
+                run = replace(alone.simulated(trial), used=used)
             except SimulationError as error:
                 LOGGER.info("initial state refused: %s", error)
                 continue
@@ -72,7 +72,7 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
         at, best = better or (at, best)
         exact = cost - _cost(best, level) < TRUE * promised
         if exact:  # curved, or not followed as the filter does: derivatives are those of here
-            by_start = _by_start(_simulated(model, problem, at, derive=True), model.nv)
+            by_start = _by_start(alone.simulated(at, derive=True), model.nv)
         level = _levels(data, best)
         cost = _cost(best, level)
     return best
@@ -92,13 +92,20 @@ def _smoothed_start(model: SpacecraftModel, problem: Problem, closed: FilterRun)
     return Belief(pin.integrate(model.pin, q, step[: model.nv]), v, start.covariance)
 
 
-def _simulated(model: SpacecraftModel, problem: Problem, start: Belief, *, derive: bool = False) -> FilterRun:
-    """Return the run from a start that no reading corrects; if asked, with derivatives along the motion."""
-    exact = Belief(start.q, start.v, np.diag(np.full(2 * model.nv, EXACT**2)))
-    no_noise = ProcessNoise(force=0.0, torque=0.0, joint=0.0, wheel=0.0)
-    deaf = replace(problem.data, sigma=np.full(problem.data.rows, 1.0 / EXACT))
-    alone = replace(problem, data=deaf, noise=no_noise, begin=exact, bias_walks=())
-    return run_filter(model, alone, until=np.inf if derive else -np.inf)
+class _Alone:
+    """Runs from starts that no reading corrects."""
+
+    def __init__(self, model: SpacecraftModel, problem: Problem) -> None:
+        no_noise = ProcessNoise(force=0.0, torque=0.0, joint=0.0, wheel=0.0)
+        deaf = replace(problem.data, sigma=np.full(problem.data.rows, 1.0 / EXACT))
+        self._exact = np.diag(np.full(2 * model.nv, EXACT**2))
+        self._filter = KalmanFilter(model, replace(problem, data=deaf, noise=no_noise, bias_walks=()))
+
+    def simulated(self, start: Belief, *, derive: bool = False) -> FilterRun:
+        """Return the run from a start; if asked, with derivatives along the motion."""
+        until = np.inf if derive else -np.inf
+        self._filter = self._filter.restarted(Belief(start.q, start.v, self._exact), until=until)
+        return self._filter.advance(len(self._filter.problem.data.times))
 
 
 def _by_start(run: FilterRun, nv: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs, log_likelihoods, log_volumes
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
-from smsid.estimation.problem import Problem, recordings_of, unknown_forces, unknown_sigmas
+from smsid.estimation.problem import Belief, Problem, recordings_of, unknown_forces, unknown_sigmas
 from smsid.estimation.process_model import ProcessModel
 from smsid.kernel.filter_arrays import Samples, State
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -75,26 +76,34 @@ class KalmanFilter:
             own = self.walks.compiled_tables(self.compiled_tables.parameters)
             self.compiled_tables = self.compiled_tables._replace(parameters=own)
         self.inputs = problem.inputs(model)
-        begin = problem.begin
-        if begin is None:
-            self.q, self.v = first_state(model, problem)
-            covariance = _first_covariance(model, problem)
-        else:
-            self.q, self.v, covariance = begin.q.copy(), begin.v.copy(), begin.covariance
         self.input_noise = _input_covariance(model, problem)
         self.forces = unknown_forces(problem.unknown_inputs, problem.timing)
-        start = np.diag(unknown_sigmas(problem.unknown_inputs) ** 2)
-        self.unknown = np.zeros(len(start))
-        wandered = np.diag(np.zeros(0) if self.walks is None else self.walks.begin)
-        self.values = np.zeros(len(wandered))
-        self.covariance: np.ndarray = np.asarray(block_diag(covariance, start, wandered))
         self._readable = _readable(problem)
         self.given = problem.given
         self.order = np.argsort(~self.given, kind="stable")
         names = [b.channel for b in problem.data.blocks if b.quantity == "attitude"]
         seen = [problem.data.attitude[name] for name in names]
         self._attitudes = np.stack(seen, axis=1) if seen else np.zeros((len(problem.data.times), 0, 4))
+        self._applied: tuple[np.ndarray, AppliedForces] | None = None
+        first = problem.begin or Belief(*first_state(model, problem), _first_covariance(model, problem))
+        self._begin(first)
+
+    def _begin(self, belief: Belief) -> None:
+        start = np.diag(unknown_sigmas(self.problem.unknown_inputs) ** 2)
+        wandered = np.diag(np.zeros(0) if self.walks is None else self.walks.begin)
+        self.q, self.v = belief.q.copy(), belief.v.copy()
+        self.unknown, self.values = np.zeros(len(start)), np.zeros(len(wandered))
+        self.covariance: np.ndarray = np.asarray(block_diag(belief.covariance, start, wandered))
         self._next, self._before = 0, None
+
+    def restarted(self, belief: Belief, *, until: float) -> KalmanFilter:
+        """Return it at the first sample again, with another belief of the state there: what does not depend
+        on that, the forces applied above all, is not made again.
+        """
+        other = copy(self)
+        other.until = until
+        other._begin(belief)
+        return other
 
     def advance(self, samples: int) -> FilterRun:
         """Read the next samples and return what was made of them.
@@ -106,7 +115,9 @@ class KalmanFilter:
         data, first = self.problem.data, self._next
         n = min(samples, len(data.times) - first)
         edges = np.array(data.times[first : first + n + 1], dtype=float)
-        forces = replace(applied(self.base.plant, self.problem, self.inputs, edges), before=self._before)
+        if self._applied is None or not np.array_equal(self._applied[0], edges):
+            self._applied = edges, applied(self.base.plant, self.problem, self.inputs, edges)
+        forces = replace(self._applied[1], before=self._before)
         times, present = edges[:n], self._readable[first : first + n]
         corrections = int(np.searchsorted(times, self.until, side="right"))
         own = Samples(
