@@ -24,7 +24,7 @@ from smsid.effects import JointFriction
 from smsid.export import export_folder
 from smsid.model import build_model
 from smsid.recording import Recording, save_recording
-from tests.diagnose.torque_world import CASES, JOINTS, Case, described, on, recorded
+from tests.diagnose.torque_world import CASES, JOINTS, RATE, Case, described, on, recorded
 
 
 def rubbed(q, v, a, load):
@@ -238,11 +238,43 @@ def test_rounding_is_no_column_that_noise_is_learnt_beside():
 def test_whitening_takes_the_colour_out():
     rng = np.random.default_rng(1)
     coloured = lfilter([1.0], [1.0, -0.7, 0.2], rng.normal(size=(4000, 2)), axis=0) * [1.0, 5.0]
-    found = Whitening.of(coloured, (0, 0), np.zeros(2))
-    white = found.apply(coloured)
+    nowhere = np.zeros(coloured.shape, dtype=bool)
+    found = Whitening.of(coloured, (0, 0), np.zeros(2), nowhere)
+    white = found.apply(coloured, nowhere)
     np.testing.assert_allclose(white.std(axis=0), 1.0, rtol=0.02)
     for lag in (1, 2, 3):
         assert np.all(np.abs(np.mean(white[lag:] * white[:-lag], axis=0)) < 4.0 / np.sqrt(4000))
+
+
+def test_errors_are_as_large_as_they_are_where_nobody_says_what_friction_is():
+    rng = np.random.default_rng(2)
+    unsure = rng.random((4000, 2)) < 0.1
+    errors = rng.standard_normal((4000, 2)) * np.where(unsure, [4.0, 1.0], 1.0)
+    found = Whitening.of(errors, (0, 0), np.zeros(2), unsure)
+    np.testing.assert_allclose(found.where_unsure, [4.0, 1.0], rtol=0.1)
+    white = found.apply(errors, unsure)
+    for where in (unsure[found.order :], ~unsure[found.order :]):
+        assert [white[where[:, j], j].std() for j in range(2)] == pytest.approx([1.0, 1.0], rel=0.1)
+
+
+def test_friction_that_lags_at_reversals_bends_no_delay():
+    """Torques are 3 ms late, friction takes some 5 mrad to turn over: 3.32 +- 0.06 ms were told."""
+    size, stiffness = (100.0, 80.0, 60.0), 200.0
+
+    def lagging(q, v, a, load):
+        out = 30.0 * v
+        for j, largest in enumerate(size):
+            z = 0.0
+            for k, rate in enumerate(v[:, j]):
+                aim = largest * np.sign(rate)
+                z = aim + (z - aim) * np.exp(-stiffness * abs(rate) / RATE)
+                out[k, j] += z
+        return out
+
+    log = recorded(lagging, seed=1, late=0.003, noise=0.3)
+    values = {p.name: p.value for c in diagnose(described(), [log]).diagnosis.causes for p in c.parameters}
+    assert values["time_offset_encoder.offset"] == pytest.approx(-0.003, abs=1e-4)
+    assert values["joint_friction_joint3.coulomb"] > 0.94 * size[2]
 
 
 def test_robust_p_values_are_calibrated_where_plain_ones_are_not():

@@ -243,7 +243,7 @@ def torque_gain(found: TorqueSearch, recording: Recording) -> Gain:
         )
         x = described_values(own) if name == "given" else fit.x
         left[name] = equations.torque - predict_torques(fit, equations, x)
-    white = {n: fits[n].whitening.apply(r).ravel() for n, r in left.items()}
+    white = {n: fits[n].whitening.apply(r, equations.unsure).ravel() for n, r in left.items()}
     rms = {n: float(np.sqrt(np.mean(w**2))) for n, w in white.items()}
     excess = {n: float(np.sum(w**2)) - w.size for n, w in white.items()}
     size = float(np.linalg.norm(equations.torque))

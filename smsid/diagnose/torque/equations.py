@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,6 +34,9 @@ STEP = 1e-5
 SAMPLES_PER_PERIOD = 1.6
 """Instants kept per period of the band. No more: what the low-pass has taken away would have to be whitened.
 What folds over does so on both sides of the equations."""
+
+SLOW = 5e-3
+"""Rate below which friction is between signs [rad/s | m/s], as `JointFriction` has it."""
 
 SETTLING = 2.0
 """Periods of the band left out at either end, where the filter does not know what lies beyond."""
@@ -91,6 +95,24 @@ class TorqueEquations:
                 out += rows[:, :, self.base.independent] / (2.0 * way)
             self.turns[joint] = out
         return self.turns[joint]
+
+    @cached_property
+    def unsure(self) -> np.ndarray:
+        """Whether a joint is so slow or turns round, within the reach of the low-pass, that no law says what
+        its friction is (n, joints).
+        """
+        if self.parts:
+            return np.concatenate([p.unsure for p in self.parts])
+        v = self.motion.v
+        slow = np.abs(v) < SLOW
+        slow[1:] |= np.sign(v[1:]) != np.sign(v[:-1])
+        out = np.zeros(self.torque.shape, dtype=bool)
+        for j, own in enumerate(slow.T):
+            instants = np.concatenate([[-np.inf], self.motion.time[own], [np.inf]])
+            after = np.searchsorted(instants, self.time)
+            near = np.minimum(instants[after] - self.time, self.time - instants[after - 1])
+            out[:, j] = near < 1.0 / self.band
+        return out
 
     def filtered(self, values: np.ndarray) -> np.ndarray:
         """Return values (N, ...) on the motion's instants low-passed to the instants of the equations."""

@@ -109,7 +109,7 @@ class TorqueFit:
 
     def whitened(self, values: np.ndarray) -> np.ndarray:
         """Return torques (n, joints, d) whitened, with zeros for the priors: (rows + priors, d)."""
-        white = self.whitening.apply(values)
+        white = self.whitening.apply(values, self.equations.unsure)
         flat = white.reshape(-1, values.shape[2])
         return np.vstack([flat, np.zeros((len(self.left) - len(flat), flat.shape[1]))])
 
@@ -139,7 +139,7 @@ def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate
         if max(ranks) < len(residual) // 3:
             break
     scale = FLOOR * np.sqrt(np.mean(equations.torque**2, axis=0))
-    return Whitening.of(residual, ranks, scale)
+    return Whitening.of(residual, ranks, scale, equations.unsure)
 
 
 def _roughly(equations: TorqueEquations) -> np.ndarray:
@@ -181,12 +181,12 @@ def term_columns(equations: TorqueEquations, terms: Sequence[Term], load: np.nda
 
 
 def _stack_priors(
-    design: np.ndarray, torque: np.ndarray, whitening: Whitening, prior: Prior
+    equations: TorqueEquations, design: np.ndarray, whitening: Whitening, prior: Prior
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened columns and torques with the priors' rows below."""
     k = design.shape[2]
-    columns = whitening.apply(design).reshape(-1, k)
-    target = whitening.apply(torque).ravel()
+    columns = whitening.apply(design, equations.unsure).reshape(-1, k)
+    target = whitening.apply(equations.torque, equations.unsure).ravel()
     known = np.flatnonzero(prior.known)
     rows = np.zeros((len(known), k))
     rows[np.arange(len(known)), known] = 1.0 / prior.sigma[known]
@@ -197,7 +197,7 @@ def _solve(
     equations: TorqueEquations, prior: Prior, terms: tuple[Term, ...], own: np.ndarray, whitening: Whitening
 ) -> TorqueFit:
     design = np.concatenate([equations.rows, equations.filtered(own)], axis=2)
-    columns, target = _stack_priors(design, equations.torque, whitening, prior)
+    columns, target = _stack_priors(equations, design, whitening, prior)
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0
     u, singular, vt = np.linalg.svd(columns / size, full_matrices=False)

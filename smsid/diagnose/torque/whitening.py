@@ -16,6 +16,7 @@ from scipy.stats import chi2, f
 from smsid.arm.regression import MOST_ORDER, autoregression
 
 CLUSTERS = 40
+FEW = 10  # instants at least that tell how large errors are
 
 LEAST = 1e-12
 """Least standard deviation of an innovation [N m | N]: of a joint whose torque is nothing at all."""
@@ -23,30 +24,39 @@ LEAST = 1e-12
 
 @dataclass(frozen=True)
 class Whitening:
-    """Coefficients (joints, order) of each joint's autoregression, ``sigma`` (joints,) of its innovations."""
+    """Coefficients (joints, order) of each joint's autoregression, ``sigma`` (joints,) of its innovations,
+    and by what that is larger where nobody says what friction is (joints,).
+    """
 
     coefficients: np.ndarray
     sigma: np.ndarray
+    where_unsure: np.ndarray | float = 1.0
 
     @property
     def order(self) -> int:
         """Samples of the past that are looked at."""
         return self.coefficients.shape[1]
 
-    def apply(self, values: np.ndarray) -> np.ndarray:
-        """Return values (n, joints, ...) whitened: (n - order, joints, ...)."""
+    def apply(self, values: np.ndarray, unsure: np.ndarray) -> np.ndarray:
+        """Return values (n, joints, ...) whitened: (n - order, joints, ...); ``unsure`` (n, joints) is where
+        nobody says what friction is.
+        """
         p = self.order
         out = np.array(values[p:])
         shape = (1, -1) + (1,) * (values.ndim - 2)
         for k in range(p):
             out -= self.coefficients[:, k].reshape(shape) * values[p - 1 - k : len(values) - 1 - k]
-        return out / self.sigma.reshape(shape)
+        sigma = self.sigma * np.where(unsure[p:], self.where_unsure, 1.0)
+        return out / sigma.reshape(*sigma.shape, *shape[2:])
 
     @classmethod
-    def of(cls, residual: np.ndarray, parameters: Sequence[int], floor: np.ndarray) -> Whitening:
+    def of(
+        cls, residual: np.ndarray, parameters: Sequence[int], floor: np.ndarray, unsure: np.ndarray
+    ) -> Whitening:
         """Return the whitening of residuals (n, joints) that ``parameters`` were fitted to, joint by joint.
 
-        Orders by Bayes's criterion; innovations are no less than ``floor`` (joints,).
+        Orders by Bayes's criterion; innovations are no less than ``floor`` (joints,). Errors may be larger
+        where no law says what friction is, ``unsure`` (n, joints).
         """
         n, joints = residual.shape
         most = min(MOST_ORDER, max(n // 20, 0))
@@ -54,9 +64,16 @@ class Whitening:
         for j in range(joints):
             own = autoregression(residual[:, j], most)
             coefficients[j, : len(own)] = own
-        innovations = cls(coefficients, np.ones(joints)).apply(residual)
-        variance = np.mean(innovations**2, axis=0) * n / np.maximum(n - np.asarray(parameters), n / 4)
-        return cls(coefficients, np.sqrt(variance + floor**2 + LEAST**2))
+        there = unsure[most:]
+        squares = cls(coefficients, np.ones(joints)).apply(residual, unsure) ** 2
+        squares *= n / np.maximum(n - np.asarray(parameters), n / 4)
+        squares += floor**2 + LEAST**2
+        both = [(where.sum(axis=0), np.where(where, squares, 0.0).sum(axis=0)) for where in (there, ~there)]
+        (few, own), (many, others) = both
+        ratio = own * many / np.maximum(few * others, LEAST**2)
+        larger = np.where((few >= FEW) & (many >= FEW), np.maximum(ratio, 1.0), 1.0)
+        variance = np.mean(squares / np.where(there, larger, 1.0), axis=0)
+        return cls(coefficients, np.sqrt(variance), np.sqrt(larger))
 
 
 def robust_p_value(basis: np.ndarray, residual: np.ndarray, ratio: float, samples: int) -> float:
