@@ -15,6 +15,7 @@ from smsid.diagnose.model_comparison import (
     Cause,
     DetectionThresholds,
     aliases_of,
+    chance_of_nothing,
     cost,
     each_may_be_zero,
     is_distinguishable,
@@ -220,7 +221,7 @@ def eliminate_backward(
         return 0.5 * cause.score.sides * tried * max(whole, alone) > levels.candidate
 
     needed: list[Cause] = []
-    while len(causes) > 1:
+    while causes:
         doubted = [c for c in causes if doubtful(c) and not any(c is n for n in needed)]
         if not doubted:
             break
@@ -245,10 +246,9 @@ def _is_needed(
 ) -> bool:
     """Whether the fit ``rest`` without a cause explains clearly less than ``last``, which has it."""
     own, score = cause.score.candidate, cause.score
-    held = float(chi2.sf(wald(last, own, held=True), len(own.free)))
-    if 0.5 * score.sides * tried * held > levels.candidate:
+    if 0.5 * score.sides * tried * chance_of_nothing(last, own, rest, held=True) > levels.candidate:
         return False  # it ran away
     lost = 2.0 * (rest.objective - last.objective)
     names = {u.name for u in last.unknowns}
-    chance = tried * own.grid * float(chi2.sf(lost, len(own.free) + len(names & set(own.also))))
-    return lost > levels.beside * strongest and chance <= levels.candidate
+    by_chance = tried * own.grid * float(chi2.sf(lost, len(own.free) + len(names & set(own.also))))
+    return lost > levels.beside * strongest and by_chance <= levels.candidate

@@ -22,9 +22,9 @@ from smsid.diagnose.model_comparison import (
     Cause,
     DetectionThresholds,
     accept,
+    distance,
     own_component,
     simplest_law,
-    wald,
     with_dynamics,
     with_further,
 )
@@ -417,8 +417,8 @@ class State:
 
 
 def _told(causes: Sequence[Cause], found: MapFit) -> list[float]:
-    """Return Wald's statistic of each cause at a fit."""
-    return [wald(found, c.score.candidate) for c in causes]
+    """Return how many standard deviations, in squares, each cause is from doing nothing at a fit."""
+    return [distance(found, c.score.candidate) for c in causes]
 
 
 def squared_distance(run: FilterRun, other: FilterRun) -> float:

@@ -9,7 +9,8 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.fft import dct
+from scipy.stats import beta, chi2
 from scipy.stats import f as fisher
 
 from smsid._statistics import NORMAL95
@@ -71,6 +72,7 @@ def accept(
                 contenders.append(still)
     fitted: list[tuple[float, Score, float]] = []  # criterion and objective; of fits the best alone is kept
     leader, at_most = current, np.inf
+    nothing: dict[int, float] = {}
     for s in contenders:
         found = refit(current, s, at_most)
         if found is None:
@@ -80,9 +82,9 @@ def accept(
             # the others' fit had perhaps not come to rest: what do they reach from here without it?
             current = without_candidate(current, found, s.candidate)
         LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
-        told = wald(found, s.candidate)
-        if chi2.sf(told, len(s.candidate.free)) > levels.candidate:
-            LOGGER.info("%s ran away: Wald's statistic is %.1f", s.candidate.key, told)
+        nothing[id(s)] = chance_of_nothing(found, s.candidate, current)
+        if nothing[id(s)] > levels.candidate:
+            LOGGER.info("%s ran away: it is nothing by a chance of %.3g", s.candidate.key, nothing[id(s)])
             continue
         price = cost(current, s, found)
         if all(-2.0 * found.objective - price > value for value, *_ in fitted):
@@ -95,9 +97,10 @@ def accept(
         return None, current
     (value, winner, _), found = max(fitted, key=lambda x: x[0]), leader
     ratio = 2.0 * (current.objective - found.objective)
+    if replace(winner, ratio=ratio).p_value * tried > levels.candidate:
+        return None, current
     # a likelihood of white noise does not know what misfit remembers
-    sure = min(ratio, wald(found, winner.candidate)) if found.problem.coloured else ratio
-    if replace(winner, ratio=sure).p_value * tried > levels.candidate:
+    if found.problem.coloured and winner.chance_of(nothing[id(winner)]) * tried > levels.candidate:
         return None, current
     reached = {id(s): v for v, s, _ in fitted}
     if best.ratio > levels.linear:
@@ -371,27 +374,82 @@ def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: b
     of what makes it do something alone; its frequency may be known where its mass is not. Beside misfit it is
     one as unlikely by chance as what it is over the errors along its own signature (`MapFit.slow_errors`).
     """
-    names = [u.name for u in found.unknowns]
-    index = np.array([names.index(n) for n in candidate.free])
-    shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
-    if (np.abs(shift) < STILL * np.array(candidate.steps))[strengths(candidate)].all():
-        return 0.0  # no mass, whatever its spring and its place are
+    index, shift = _moved(found, candidate)
     if strength:
         index, shift = index[strengths(candidate)], shift[strengths(candidate)]
     still = candidate.also if held else ()
     covariance = found.covariance(still, white=True)[index][:, index]
+    if not found.problem.coloured:
+        return _squares(shift, covariance)
+    # levels that were read with the cause in the errors bound the statistic, not its spread as it is now
+    sigma = np.sqrt(np.diag(covariance))
+    wider = np.linalg.norm(found.slow_errors(still)[index], axis=1) / np.where(sigma > 0.0, sigma, 1.0)
+    wider, d = np.maximum(wider, 1e-9), int((sigma > 0.0).sum())
+    far = _squares(shift, covariance * np.outer(wider, wider))
+    return float(chi2.isf(fisher.sf(far / d, d, THRESHOLDS.cosines), d)) if d else 0.0
+
+
+def distance(found: MapFit, candidate: Candidate) -> float:
+    """Return how many standard deviations, in squares, a candidate's parameters are from doing nothing."""
+    index, shift = _moved(found, candidate)
+    return _squares(shift, found.covariance()[index][:, index])
+
+
+def _moved(found: MapFit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places (d,) of a candidate's parameters in a fit, and how far they moved (d,): nothing where
+    what makes it do something has not, whatever its spring and its place are.
+    """
+    names = [u.name for u in found.unknowns]
+    index = np.array([names.index(n) for n in candidate.free])
+    shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
+    still = (np.abs(shift) < STILL * np.array(candidate.steps))[strengths(candidate)].all()
+    return index, np.zeros_like(shift) if still else shift
+
+
+def _squares(shift: np.ndarray, covariance: np.ndarray) -> float:
+    """Return the squared length of a shift (d,) in units of a covariance (d, d), of what has a variance."""
     told = np.diag(covariance) > 0.0
     if not told.any():
         return 0.0
-    covariance, shift, index = covariance[np.ix_(told, told)], shift[told], index[told]
+    covariance, shift = covariance[np.ix_(told, told)], shift[told]
     sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
-    inverse = np.linalg.pinv(covariance / np.outer(sigma, sigma))
-    if not found.problem.coloured:
-        return float((shift / sigma) @ inverse @ (shift / sigma))
-    # levels that were read with the cause in the errors bound the statistic, not its spread as it is now
-    spread = np.linalg.norm(found.slow_errors(still)[index], axis=1)
-    off, d = shift / np.maximum(spread, 1e-9 * sigma), len(shift)
-    return float(chi2.isf(fisher.sf(off @ inverse @ off / d, d, THRESHOLDS.cosines), d))
+    return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))
+
+
+def chance_of_nothing(found: MapFit, candidate: Candidate, before: MapFit, *, held: bool = False) -> float:
+    """Return the chance, by Wald's statistic, of parameters as far from doing nothing as they are at a fit.
+
+    Beside misfit, what its errors along one signature say of themselves is little; there it is that of taking
+    as much of the misfit away as is left in the fit ``before``, without it, if that is less.
+    """
+    own = float(chi2.sf(wald(found, candidate, held=held), len(candidate.free)))
+    return min(own, chance_of_share(before, found, candidate)) if found.problem.coloured else own
+
+
+def chance_of_share(before: MapFit, after: MapFit, candidate: Candidate) -> float:
+    """Return the chance that as much of any component's errors is gone ``after`` a candidate by nothing but
+    their looking alike, all components paid for.
+
+    Of errors with their power in n frequencies alike, d directions take a share that is Beta(d / 2, (n - d) /
+    2) distributed. Directions of slow signatures are where slow errors have most: n is no more than the whole
+    power over the largest at a frequency, so that of errors slower than the recording any share is chance.
+    """
+    power = dct(errors_left(before), axis=0, norm="ortho") ** 2
+    left, there = (errors_left(after) ** 2).sum(axis=0), power.any(axis=0)
+    whole, largest, left = power.sum(axis=0)[there], power.max(axis=0)[there], left[there]
+    freedom = len({u.name for u in after.unknowns} & {*candidate.free, *candidate.also})
+    rest = whole / largest - freedom
+    told = rest > 0.0
+    share = np.clip(1.0 - left / whole, 0.0, 1.0)[told]
+    chances = beta.sf(share, 0.5 * freedom, 0.5 * rest[told])
+    return min(1.0, len(whole) * float(chances.min(initial=1.0)))
+
+
+def errors_left(found: MapFit) -> np.ndarray:
+    """Return the errors (N, rows) that a fit leaves, or to first order what a step of it would."""
+    q, _ = found.factors
+    left = found.residual - q @ (q.T @ found.residual)
+    return left[: found.run.innovations.size].reshape(found.run.innovations.shape)
 
 
 def own_component(found: MapFit, candidate: Candidate, factors: np.ndarray) -> int:

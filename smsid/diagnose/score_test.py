@@ -234,9 +234,11 @@ class Score:
         """Chance of a ratio as large when the candidate is not there; variants are corrected for, other
         candidates are not.
         """
-        if not self.freedom:
-            return 1.0
-        return min(1.0, 0.5 * self.sides * self.candidate.grid * float(chi2.sf(self.ratio, self.freedom)))
+        return self.chance_of(float(chi2.sf(self.ratio, self.freedom))) if self.freedom else 1.0
+
+    def chance_of(self, one: float) -> float:
+        """Return the chance over all variants that were searched, from that of ``one`` of both signs."""
+        return min(1.0, 0.5 * self.sides * self.candidate.grid * one)
 
     def information_gain(self, samples: int) -> float:
         """Return the gain in Bayes's information criterion, searched variants paid for."""

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
-from smsid.diagnose.model_comparison import Cause, each_may_be_zero, wald
+from smsid.diagnose.exchange_step import without_cause
+from smsid.diagnose.model_comparison import Cause, chance_of_nothing, each_may_be_zero
 from smsid.diagnose.noise_covariance import InflatedFit, but_for_a_structure
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
@@ -65,8 +65,13 @@ def _needed(found: Search, cause: Cause, rest: MapFit) -> bool:
     own = cause.score.candidate
     if each_may_be_zero(rest, own):  # a frequency may be known where the mass is none
         return False
-    chance = 0.5 * cause.score.sides * found.candidates * float(chi2.sf(wald(rest, own), len(own.free)))
-    return chance < found.levels.further
+    try:
+        less = without_cause(rest, own, found.nominal) if rest.problem.coloured else rest
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s is not taken out: %s", own.key, error)
+        return False
+    tried = 0.5 * cause.score.sides * found.candidates
+    return tried * chance_of_nothing(rest, own, less) < found.levels.further
 
 
 def _rest_unknown(found: Search) -> tuple[MapFit, dict[str, str]] | None:

@@ -18,15 +18,17 @@ def cause(location):
 
 
 def fitted(objective):
-    return SimpleNamespace(unknowns=(), point=None, problem=None, objective=objective)
+    return SimpleNamespace(
+        unknowns=(), point=None, problem=SimpleNamespace(coloured=False), objective=objective
+    )
 
 
-def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False):
+def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False, beside=("joint2",)):
     """Where the causes are that stay of two, of which the first's strength has a statistic ``alone``.
 
     ``whole`` is that of all its parameters, ``held`` that with its further parameters held, ``rest`` the
     objective of the fit without it, ``None`` where there is none; with it, it is zero. ``zero``: the interval
-    of each of its strengths holds nothing.
+    of each of its strengths holds nothing. The second is ``beside`` it, if at all.
     """
 
     by_itself = held
@@ -39,14 +41,15 @@ def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False):
             raise SimulationError("lost")
         return fitted(rest)
 
-    monkeypatch.setattr("smsid.diagnose.exchange_step.wald", wald)
+    for module in ("exchange_step", "model_comparison"):
+        monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
     monkeypatch.setattr(
         "smsid.diagnose.exchange_step.each_may_be_zero", lambda _, c: zero and c.location == "joint1"
     )
     monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.exchange_step.fit", refitted)
     kept, _ = eliminate_backward(
-        [cause("joint1"), cause("joint2")], fitted(0.0), fitted(1e6), DetectionThresholds(), 60, proven
+        [cause(x) for x in ("joint1", *beside)], fitted(0.0), fitted(1e6), DetectionThresholds(), 60, proven
     )
     return [c.score.candidate.location for c in kept]
 
@@ -54,6 +57,12 @@ def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False):
 def test_one_without_which_the_recording_is_lost_stays(monkeypatch):
     assert left(monkeypatch, held=0.1, rest=0.0) == ["joint2"]
     assert left(monkeypatch, held=0.1, rest=None) == ["joint1", "joint2"]
+
+
+def test_a_single_one_is_asked_like_several(monkeypatch):
+    assert left(monkeypatch, held=0.1, rest=0.0, beside=()) == []
+    assert left(monkeypatch, held=1000.0, rest=3900.0, beside=()) == ["joint1"]
+    assert left(monkeypatch, held=0.1, rest=None, beside=()) == ["joint1"], "it is lost without"
 
 
 def test_one_whose_strength_goes_with_what_it_freed_stays_where_it_is_missed(monkeypatch):

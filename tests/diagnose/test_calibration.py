@@ -14,6 +14,7 @@ from smsid.diagnose.exchange_step import eliminate_backward
 from smsid.diagnose.model_comparison import (
     DetectionThresholds,
     accept,
+    chance_of_share,
     is_distinguishable,
     simplest_law,
     wald,
@@ -85,7 +86,7 @@ def test_a_cause_pays_for_all_that_were_tried(monkeypatch, tried, named):
     run = SimpleNamespace(samples=1000)
     found = SimpleNamespace(objective=0.0, run=run, unknowns=(), problem=Coloured(False))
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: found)
-    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 1e3)
+    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=0.5 * ratio, run=run, unknowns=())
     best = score(ratio, 1)
     assert (accept(current, best, [best], DetectionThresholds(), tried)[0] is not None) is named
@@ -97,7 +98,8 @@ def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypa
     def wald(found, candidate, *, held=False, strength=False):
         return 12.0 if candidate.location == "joint1" else 50.0
 
-    monkeypatch.setattr("smsid.diagnose.exchange_step.wald", wald)
+    for module in ("exchange_step", "model_comparison"):
+        monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
     monkeypatch.setattr("smsid.diagnose.exchange_step.each_may_be_zero", lambda *_: False)
     monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.exchange_step.fit", lambda *_, **options: fitted(1.0))
@@ -293,6 +295,37 @@ def test_errors_as_slow_as_the_record_are_no_proof():
         by_spectrum += chi2.sf(wald(found, constant), 1) < 1e-4
         white += chi2.sf(wald(replace(found, problem=Coloured(False)), constant), 1) < 1e-4
     assert white > 8 and by_spectrum <= 1
+
+
+def share_taken(errors: np.ndarray, signature: np.ndarray) -> float:
+    """The chance of what a signature takes of errors, both (N,)."""
+    own = Candidate("body_error", "link", "inertia", "mass", None, ("x.0",), (1.0,))
+    left = errors - signature * (signature @ errors) / (signature @ signature)
+
+    def fitted(seen: np.ndarray) -> MapFit:
+        none = SimpleNamespace(rows=np.zeros((0, 1)), off=np.zeros(0))
+        unknowns, run = (SimpleNamespace(name="x.0"),), SimpleNamespace(innovations=seen[:, None])
+        columns = np.zeros((len(seen), 1, 1))
+        columns[0] = 1e-9
+        return MapFit(None, unknowns, Coloured(), run, columns, np.eye(1), np.zeros(1), 0.0, None, none)
+
+    return chance_of_share(fitted(errors), fitted(left), own)
+
+
+@pytest.mark.parametrize("samples", [3.0, 30.0, 300.0])
+def test_a_share_of_slow_misfit_that_looks_like_a_slow_signature_is_chance(samples):
+    rng = np.random.default_rng(5)
+    chances = [
+        share_taken(memory(rng, samples), memory(rng, s)) for s in (30.0, 1000.0) for _ in range(DRAWS)
+    ]
+    assert np.mean(np.array(chances) < 0.01) < 0.01
+
+
+def test_a_cause_that_takes_most_of_a_structured_misfit_away_is_proven():
+    """What four slow sums say of themselves is a chance of 1e-5 at most where 40 standard deviations are."""
+    rng, swing = np.random.default_rng(6), np.sin(TIME**2 / 3e3)
+    assert share_taken(swing + 0.2 * memory(rng, 30.0), swing) < 1e-6
+    assert share_taken(0.2 * swing + memory(rng, 30.0), swing) > 0.01
 
 
 def test_a_constant_beside_fast_misfit_is_proven():

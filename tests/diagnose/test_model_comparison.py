@@ -87,7 +87,7 @@ def test_how_sharply_a_stribeck_curve_falls_is_fitted_where_it_is_no_gaussian(de
 def test_what_explains_only_without_end_is_no_cause(rubbing, monkeypatch):
     current, score = rubbing
     assert accept(current, score, [score], DetectionThresholds(), 60)[0] is not None
-    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 5.0)
+    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda *_, **__: 5.0)
     assert accept(current, score, [score], DetectionThresholds(), 60)[0] is None
 
 
@@ -257,7 +257,7 @@ def test_what_is_there_all_the_time_is_tried_beside_what_begins(monkeypatch):
         return fits[s.candidate.location]
 
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", refit)
-    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 1e3)
+    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=3000.0, run=run, unknowns=())
     cause, found = accept(current, begun, [begun, still], DetectionThresholds(), 60)
     assert cause.score is still
@@ -292,7 +292,7 @@ def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, like
         for s in (winner, rival)
     }
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: fits[id(s)])
-    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda found, candidate: 1e3)
+    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=0.0, run=run, unknowns=())
     cause, _ = accept(current, winner, [winner, rival], DetectionThresholds(), 60)
     assert cause.score is winner

@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from scipy.stats import chi2
 
 from smsid.diagnose import standing_causes
 from smsid.diagnose.model_comparison import DetectionThresholds
@@ -14,6 +15,7 @@ from smsid.diagnose.verdict import verdict
 BIAS = "sensor", "imu.angular_rate"
 DRAG = "friction", "joint2"
 PANEL = "appendage", "panel"
+REST, BENT = (SimpleNamespace(problem=SimpleNamespace(coloured=c)) for c in (False, True))
 
 
 def told(family, location, value=1e-3, aliases=()):
@@ -37,15 +39,16 @@ def stands(monkeypatch):
     def judge(*named, unknown="panel", ratio=90.0, misfit=True, followed=0.8, left="", nothing=""):
         found = SimpleNamespace(
             misfit=misfit, candidates=100, levels=DetectionThresholds(), followed=followed,
-            causes=tuple(cause(c.family, c.location) for c in named), last="bent", failed=(),
+            causes=tuple(cause(c.family, c.location) for c in named), last=BENT, nominal=None, failed=(),
         )  # fmt: skip
         own = {c.location: replace(c, parameters=(Value("it.size", 2e-3, 1e-5, "1"),)) for c in named}
         for name, stub in {
             "_but_for_a_structure" if misfit else "_rest_unknown": lambda _: (
-                "rest",
+                REST,
                 {f"equation of {unknown}": unknown},
             ),
-            "wald": lambda *_: ratio,
+            "chance_of_nothing": lambda *_: chi2.sf(ratio, 1),
+            "without_cause": lambda *_: None,
             "each_may_be_zero": lambda _, candidate: candidate.location == nothing,
             "own_component_left": lambda _, c: left if c.score.candidate.location == "joint2" else "",
             "replace": lambda found, **new: SimpleNamespace(**{**vars(found), **new}),
@@ -55,7 +58,7 @@ def stands(monkeypatch):
         by, out = find_standing_causes(found, named)
         elsewhere = [o for o in out if o is not None and o.location != unknown]
         assert [unknown in note for note in by.failed] == [True] * bool(elsewhere)
-        assert by.last == "rest" and len(by.causes) == len(elsewhere)
+        assert by.last is REST and len(by.causes) == len(elsewhere)
         assert all(o.parameters[0].value == 2e-3 for o in elsewhere)
         return tuple(o is not None for o in out)
 
