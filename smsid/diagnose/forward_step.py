@@ -129,8 +129,11 @@ class State:
         own = {s.candidate.key: s for s in leading[1:]}
         rivals = [own.get(s.candidate.key, s) for s in self.scores]
         rivals.sort(key=self._worth, reverse=True)
+        in_vain = {best.candidate.key}
         worth = {"worth": self._worth} if self.fitted.misfit else {}
-        cause, found = accept(self.current, best, rivals, self._asked, len(self.candidates), **worth)
+        cause, found = accept(
+            self.current, best, rivals, self._asked, len(self.candidates), in_vain=in_vain, **worth
+        )
         if cause is not None:
             self._add(cause, found)
         elif (
@@ -139,8 +142,8 @@ class State:
         ):
             self._restart(found)
         else:
-            self._out.add(best.candidate.key)
-            self.scores = [s for s in self.scores if s.candidate.key != best.candidate.key]
+            self._out |= in_vain
+            self.scores = [s for s in self.scores if s.candidate.key not in in_vain]
         return True
 
     def close(self) -> None:

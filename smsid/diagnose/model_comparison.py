@@ -51,14 +51,16 @@ def accept(
     levels: DetectionThresholds,
     tried: int,
     worth: Callable[[Score], float] = lambda s: s.ratio,
+    in_vain: set[tuple[str, str, str]] | None = None,
 ) -> tuple[Cause | None, MapFit]:
     """Refit the best candidate, and its contenders where the linear score may be off; return the winner.
 
     ``tried`` is the number of candidates, which chances are corrected for; contenders are ``worth`` nearly as
     much as the best. Without a winner the fit is
-    ``current``, or a better one without the candidates that their refits led to.
+    ``current``, or a better one without the candidates that their refits led to; the keys of those that are
+    by chance are put ``in_vain``: beside this fit they would be again.
     """
-    samples = current.run.samples
+    samples, in_vain = current.run.samples, set() if in_vain is None else in_vain
     rivals = [s for s in scores if s.candidate.key != best.candidate.key]
     near = [s for s in rivals if not is_distinguishable(best, s, samples, levels)]
     contenders = [best] if best.another is None else [best, best.another]
@@ -94,13 +96,21 @@ def accept(
         room = levels.alias + price + OUT_OF_REACH * ratio
         at_most = min(at_most, found.objective + 0.5 * room)
     if not fitted:
+        in_vain.update(s.candidate.key for s in contenders)
         return None, current
     (value, winner, _), found = max(fitted, key=lambda x: x[0]), leader
     ratio = 2.0 * (current.objective - found.objective)
-    if replace(winner, ratio=ratio).p_value * tried > levels.candidate:
-        return None, current
-    # a likelihood of white noise does not know what misfit remembers
-    if found.problem.coloured and winner.chance_of(nothing[id(winner)]) * tried > levels.candidate:
+
+    def is_chance(s: Score, gained: float) -> bool:
+        """Whether a contender is by chance: a likelihood of white noise knows nothing of slow misfit."""
+        sure = replace(s, ratio=gained).p_value
+        if found.problem.coloured:
+            sure = max(sure, s.chance_of(nothing[id(s)]))
+        return sure * tried > levels.candidate
+
+    if is_chance(winner, ratio):
+        gains = [(s, 2.0 * (current.objective - objective)) for _, s, objective in fitted]
+        in_vain.update(s.candidate.key for s, gained in gains if is_chance(s, gained))
         return None, current
     reached = {id(s): v for v, s, _ in fitted}
     if best.ratio > levels.linear:

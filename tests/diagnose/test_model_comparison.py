@@ -115,7 +115,7 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
     stopped, at_rest, score = restless
     tried, seen = [], []
 
-    def accepted(current, best, *_):
+    def accepted(current, best, *_, **__):
         tried.append(best.candidate.key)
         seen.append(current.objective)
         return None, at_rest if len(tried) == 2 else current
@@ -140,7 +140,7 @@ def test_the_search_ends_where_every_candidate_leads_to_another_fit(restless, mo
     _, at_rest, score = restless
     tried = []
 
-    def accepted(current, best, *_):
+    def accepted(current, best, *_, **__):
         tried.append(best.candidate.key)
         return None, replace(current, objective=current.objective - 1e4)
 
