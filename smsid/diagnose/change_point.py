@@ -52,7 +52,7 @@ def best_start(
     if dense:
         best = look(_times_between(first, last, DENSE))
     width = (last - first) / ((DENSE if dense else GRID) + 1)
-    for _ in range(FINER if found[best] > THRESHOLDS.beginning_strong else WEAK):
+    for _ in range(FINER if found[best] > THRESHOLDS.linear else WEAK):
         width *= 2.0 / ONSETS
         best = look(best + width * (np.arange(ONSETS) - (ONSETS - 1) / 2.0))
     return best, found[best], len(found)
@@ -129,9 +129,7 @@ def with_onset(
     if not ratio - s.ratio > onset_penalty(alias, tried + 1):
         return s
     found = replace(known[start], candidate=replace(known[start].candidate, grid=tried + 1))
-    return (
-        found if ratio < THRESHOLDS.beginning_strong and begins is s.candidate else replace(found, another=s)
-    )
+    return found if ratio < THRESHOLDS.linear and begins is s.candidate else replace(found, another=s)
 
 
 def best_onsets(

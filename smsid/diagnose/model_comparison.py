@@ -25,8 +25,6 @@ from smsid.estimation.parameter_vector import Point, Unknown
 LOGGER = logging.getLogger(__name__)
 NEAR = THRESHOLDS.near
 STEPS_OF_OTHERS, STEPS_IN_MOTION = 8, 25  # of the fits of an effect that moves by itself
-FEW = 2  # aliases that are named whatever their chances are
-SURE, HALF = 2.0, 0.5  # standard deviations, and share of a cause, within which what it lacks is small
 AXES = (".x", ".y", ".z")
 STILL = 1e-6  # of a step: a strength that moved less is where the effect does nothing
 OUT_OF_REACH = 0.01  # of what the best contender gains, by which another may fall behind on its way
@@ -65,7 +63,7 @@ def accept(
     near = [s for s in rivals if not is_distinguishable(best, s, samples, levels)]
     contenders = [best] if best.another is None else [best, best.another]
     if best.ratio > levels.linear:
-        close = [s for s in rivals if worth(s) > 0.9 * worth(best)]
+        close = [s for s in rivals if worth(s) > THRESHOLDS.close * worth(best)]
         contenders += close[: levels.contenders - 1]
         # large and curved, what is there all the time scores less than it explains
         if best.candidate.start is not None:
@@ -165,7 +163,7 @@ def aliases_of(
 
     left = THRESHOLDS.left_out * (1.0 + sum(chance(s) for s, _ in alike))
     for s, how in sorted(alike, key=lambda a: chance(a[0])):
-        if len(alike) <= FEW or chance(s) > left:
+        if len(alike) <= THRESHOLDS.aliases or chance(s) > left:
             break
         if s.ratio < winner.ratio and how <= THRESHOLDS.contained:
             left -= chance(s)
@@ -212,8 +210,8 @@ def _open(winner: Score, rival: Score) -> bool:
     """Whether what a rival has beside the winner's parameters may be half as large as these are."""
     mine = np.array([n in winner.candidate.free for n in rival.candidate.free])
     spread = np.sqrt(np.diag(rival.covariance))[~mine]
-    may_be = np.abs(rival.estimate[~mine]) + SURE * spread
-    return bool((may_be > HALF * np.abs(winner.estimate).max(initial=0.0)).any())
+    may_be = np.abs(rival.estimate[~mine]) + THRESHOLDS.adds_sure * spread
+    return bool((may_be > THRESHOLDS.adds_much * np.abs(winner.estimate).max(initial=0.0)).any())
 
 
 def best_subset_odds(s: Score, samples: int) -> float:

@@ -27,10 +27,8 @@ LOGGER = logging.getLogger(__name__)
 LOOSE = ProcessNoise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
-HALF = 0.5  # share of the squared errors that a channel takes with it that strays by itself
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
-PARTS = 8  # segments of the spectrum that misfit is read from
-FEW = 50  # samples below which a channel says nothing of its noise
+FEW = THRESHOLDS.noise_told
 NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough
 
 
@@ -172,13 +170,13 @@ def _suspect(given: Point, whole: Problem, first_run: FilterRun | None) -> Chann
     if len(blocks) == 1:
         return None
     rest = [left(with_unknown(loose, b.channel)) for b in blocks]
-    if min(rest) < HALF * left(loose):
+    if min(rest) < THRESHOLDS.alone * left(loose):
         return blocks[int(np.argmin(rest))]
     if first_run is None:
         return None
     squares = np.where(first_run.used, first_run.normalised**2, 0.0).sum(axis=0)
     most = max(blocks, key=lambda b: squares[b.rows].sum())
-    return most if squares[most.rows].sum() > HALF * squares.sum() else None
+    return most if squares[most.rows].sum() > THRESHOLDS.alone * squares.sum() else None
 
 
 def refit_noise(
@@ -345,13 +343,13 @@ def misfit_factors(data: Measurements, run: FilterRun) -> np.ndarray:
     """Return by what the noise of every component (rows,) is to grow for its misfit to weigh as noise.
 
     White noise of that level has as much power as the prediction errors at the frequency where they have
-    most (Welch's spectrum, `PARTS` segments): a slow error is one error, however often it is sampled.
+    most (Welch's, of `THRESHOLDS.spectrum` segments): a slow error is one error, however often it is sampled.
     """
     out = np.ones(data.rows)
     for row in range(data.rows):
         x = run.normalised[run.used[:, row], row]
         if len(x) < FEW:
             continue
-        _, power = welch(x, nperseg=max(len(x) // PARTS, FEW // 2), detrend=False)  # pyright: ignore
+        _, power = welch(x, nperseg=max(len(x) // THRESHOLDS.spectrum, FEW // 2), detrend=False)  # pyright: ignore
         out[row] = float(np.sqrt(0.5 * power[:-1].max()))
     return out

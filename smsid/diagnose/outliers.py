@@ -19,7 +19,7 @@ from smsid.estimation.problem import Problem
 
 OUTLIER = THRESHOLDS.outlier
 CALM = THRESHOLDS.outlier_calm
-FEW = 3  # outliers of a component below which each has to stand out by itself
+FEW = THRESHOLDS.outlier_few
 WIDE = THRESHOLDS.outlier_wide
 ALONE = THRESHOLDS.outlier_alone
 ELSEWHERE = THRESHOLDS.outlier_elsewhere

@@ -98,7 +98,7 @@ def quantised_channels(data: Measurements) -> list[Fault]:
         if len(gaps) < 3:
             continue
         step = min((float(g) for g in gaps[gaps > 1e-9 * np.ptp(x)]), default=np.inf)
-        if not np.isfinite(step) or step < 0.3 * data.sigma[row]:
+        if not np.isfinite(step) or step < THRESHOLDS.coarse_step * data.sigma[row]:
             continue
         stated = block.sensor.error(block.quantity).quantisation
         if _on_grid(gaps, step) and step > 1.01 * stated:
@@ -190,9 +190,7 @@ def _fits(found: MapFit, whole: Measurements, fault: Fault) -> bool:
 
 ROWS = 60  # readings that are looked at
 FIRST = 6  # of them: when most of these are on no grid, it is left at that
-ENOUGH = 8  # readings that have to tell the step
-ALL = 0.95  # share of the readings that lie on the grid: the rest may be outliers
-WITHIN = 2.0  # steps within which the lengths of rounded unit quaternions are: each is within one of it
+ENOUGH = THRESHOLDS.grid_told
 PRECISIONS = (2e-12, 2e-7)  # of double and of single numbers, a few roundings of them
 FINEST = 30_000  # steps to a unit
 COARSEST = 0.5  # step above which a few exact attitudes, at right angles to each other, pass for rounded
@@ -242,9 +240,9 @@ def _common(lengths: np.ndarray) -> tuple[float, float] | None:
         return None
     length = float(np.median(seen[seen > 0.7 * seen.max()]))
     factor = np.round(length / seen)
-    near = np.abs(factor * seen - length) < WITHIN
+    near = np.abs(factor * seen - length) < THRESHOLDS.off_grid
     own = seen[near & (factor == 1.0)]
-    if len(own) < ENOUGH or np.count_nonzero(near) < ALL * len(lengths):
+    if len(own) < ENOUGH or np.count_nonzero(near) < THRESHOLDS.on_grid * len(lengths):
         return None
     step = 1.0 / float(own.mean())
     if step >= COARSEST:

@@ -256,7 +256,6 @@ def _channels(found: MapFit) -> list[tuple[str, str, list[Sensitivity]]]:
 
 WAY = "the way since it turned"
 WIDTHS = (0.003, 0.01, 0.03, 0.1, 0.3)  # ways over which the torque turns round, over the joint's travel
-SEEN = 1e-6  # share of a column's information that the fitted parameters leave of one that is tested
 REST = 1e-9  # [rad] travel of a joint that does not move
 
 
@@ -289,7 +288,7 @@ def memory(found: MapFit, locations: Iterable[str]) -> list[SpecificationTest]:
     left = found.left(whitened)
     raw = np.einsum("ij,ij->j", whitened, whitened)
     own = np.einsum("ij,ij->j", left, left)
-    seen = own > SEEN * raw
+    seen = own > THRESHOLDS.tested * raw
     ratios = np.where(seen, (left.T @ found.residual) ** 2 / np.where(seen, own, 1.0), 0.0)
     best = ratios.reshape(len(tests), len(WIDTHS)).max(axis=1)
     return [
@@ -316,7 +315,6 @@ def hysteresis(angle: np.ndarray, middle: np.ndarray, width: float) -> tuple[np.
 LOGGER = logging.getLogger(__name__)
 CHANCE = "chance"
 DOUBTED = 3  # inputs that are tried
-LOUD = 30.0  # variance of the noise tried, over that to which one sample of the input is known by itself
 NEAR = 3.0  # gain of the log-posterior below which a fit is near enough for a likelihood
 
 
@@ -349,14 +347,17 @@ def with_unknown(
     problem: Problem, *lost: str, run: FilterRun | None = None, dofs: Sequence[int] = (), held: int = 1
 ) -> Problem:
     """Return a problem without the readings of channels or components ``lost``, and with noise on the inputs
-    ``dofs`` that hides what a run tells of them (`LOUD`).
+    ``dofs`` that hides what a run tells of them (`THRESHOLDS.hidden`).
 
     Noise is white: of an input that is wrong in one way for so many samples, ``held``, more is needed.
     """
     data, noise = problem.data, problem.noise
     if run is not None:
         _, known = disturbances(run)
-        loud = tuple((d, float(np.sqrt(held * LOUD / max(float(known[:, d].mean()), 1e-300)))) for d in dofs)
+        loud = tuple(
+            (d, float(np.sqrt(held * THRESHOLDS.hidden / max(float(known[:, d].mean()), 1e-300))))
+            for d in dofs
+        )
         noise = replace(noise, more=(*noise.more, *loud))
     out = np.zeros(data.values.shape, dtype=bool)
     for block in data.blocks:

@@ -20,7 +20,6 @@ from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import MapFit, fit
 
 LOGGER = logging.getLogger(__name__)
-PEELED = 3  # equations and channels at most that are taken as unknown
 
 
 def find_standing_causes(
@@ -81,7 +80,7 @@ def _rest_unknown(found: Search) -> tuple[MapFit, dict[str, str]] | None:
     One after the other, the worst first: what it leaves shows in its neighbours, too.
     """
     lost, here = dict[str, str](), found
-    for _ in range(PEELED):
+    for _ in range(THRESHOLDS.peeled):
         left = [t for t in here.left if t.where not in lost]
         if not left:
             return here.last, lost

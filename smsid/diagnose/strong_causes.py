@@ -73,7 +73,7 @@ def coarse_cause(
     nothing = max(_likelihood(point, coarse), LEAST)
     ahead = sorted((s for s in best.values() if s[0] > nothing), key=lambda s: -s[0])
     LOGGER.info("coarse: %.1f without; %s", nothing, [(c.key, likely) for likely, c, _ in ahead[:8]])
-    close = THRESHOLDS.coarse_close * (ahead[0][0] - nothing) if ahead else 0.0
+    close = THRESHOLDS.close * (ahead[0][0] - nothing) if ahead else 0.0
     best_place = ahead[0][1].key[:2] if ahead else ()
     # where a model may err, laws of one effect differ less by their likelihood than by where they were begun
     tried = [(c, at) for likely, c, at in ahead if likely - nothing > close or c.key[:2] == best_place]

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.change_time_posterior import Began, onset_posteriors
-from smsid.diagnose.model_comparison import FEW, Cause, own_component, strengths, wald
+from smsid.diagnose.model_comparison import Cause, own_component, strengths, wald
 from smsid.diagnose.noise_covariance import strays_by_row
 from smsid.diagnose.result import Alias, FoundCause, Limit, SignificantTest, Value, Verdict
 from smsid.diagnose.score_test import Candidate
@@ -64,7 +64,7 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
         begun, where = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not is_sibling(s.candidate, own)]
-    told = [*siblings[: max(1, FEW - len(others))], *others]
+    told = [*siblings[: max(1, THRESHOLDS.aliases - len(others))], *others]
     aliases = tuple(alias(own, s.candidate, c) for s, c in told)
     return FoundCause(
         effect=own.kind,

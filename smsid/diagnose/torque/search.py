@@ -35,9 +35,6 @@ from smsid.diagnose.torque.whitening import CLUSTERS
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
-PER_JOINT = 6
-"""Causes a joint may have before the search ends."""
-
 SETTLED = {"zero": 1e-3, "clock": 1e-4}
 """A joint's zero [rad] or a clock [s] further off than this has the equations made again."""
 
@@ -91,7 +88,7 @@ def search_torques(
     rest, tried = list(candidates), len(candidates)
     coupled = False
     refused: set[int] = set()
-    while len(causes) < PER_JOINT * equations.torque.shape[1]:
+    while len(causes) < THRESHOLDS.torque_causes * equations.torque.shape[1]:
         scores = score_candidates(current, rest if coupled else [c for c in rest if len(c.joints) == 1])
         hopeful = (s for s in scores if id(s.candidate) not in refused)
         best = next((s for s in hopeful if _significant(s, current, tried)), None)
@@ -175,7 +172,7 @@ def _beside_all(
         if s is None or own.gain(without.samples) - s.gain(without.samples) > LEVELS.alias:
             continue
         together = correlation(own, s)
-        if together > 0.5 and (rival.key not in best or best[rival.key][0].ratio < s.ratio):
+        if together > THRESHOLDS.near and (rival.key not in best or best[rival.key][0].ratio < s.ratio):
             best[rival.key] = s, together
     return replace(cause, score=own, aliases=tuple(best.values()))
 

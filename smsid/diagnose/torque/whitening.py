@@ -14,9 +14,10 @@ import numpy as np
 from scipy.stats import chi2, f
 
 from smsid.arm.regression import MOST_ORDER, autoregression
+from smsid.diagnose.thresholds import THRESHOLDS
 
-CLUSTERS = 40
-FEW = 10  # instants at least that tell how large errors are
+CLUSTERS = THRESHOLDS.torque_stretches
+FEW = THRESHOLDS.torque_unsure
 
 LEAST = 1e-12
 """Least standard deviation of an innovation [N m | N]: of a joint whose torque is nothing at all."""
