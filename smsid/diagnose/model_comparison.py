@@ -442,7 +442,7 @@ def chance_of_share(before: MapFit, after: MapFit, candidate: Candidate) -> floa
     2) distributed. Directions of slow signatures are where slow errors have most: n is no more than the whole
     power over the largest at a frequency, so that of errors slower than the recording any share is chance.
     """
-    power = dct(errors_left(before), axis=0, norm="ortho") ** 2
+    power = np.asarray(dct(errors_left(before), axis=0, norm="ortho")) ** 2
     left, there = (errors_left(after) ** 2).sum(axis=0), power.any(axis=0)
     whole, largest, left = power.sum(axis=0)[there], power.max(axis=0)[there], left[there]
     freedom = len({u.name for u in after.unknowns} & {*candidate.free, *candidate.also})
