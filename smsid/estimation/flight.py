@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -12,16 +11,16 @@ import pinocchio as pin
 
 from smsid.errors import RecordingError
 from smsid.estimation.bias_walk import bias_walks, with_walk_noise
+from smsid.estimation.followed_torques import followed_torques
 from smsid.estimation.initial_state import InitialPrior, initial_belief
-from smsid.estimation.input_hold import Hold, commanded, input_channels, integral, mixed, stepwise
+from smsid.estimation.input_hold import input_channels, mixed, stepwise
 from smsid.estimation.input_timing import timings
 from smsid.estimation.measurements import OUTLIER, WIDTH, ChannelSlice, Measurements, measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, UnknownInput
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
-from smsid.estimation.torque_walk import UNKNOWN, AccelerationWalk, acceleration_walks
+from smsid.estimation.torque_walk import UNKNOWN
 from smsid.identify.sensor_correction import without_known_errors
-from smsid.inputs.signals import sample
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -31,8 +30,6 @@ LOGGER = logging.getLogger(__name__)
 LONGEST = 0.1  # [s] between times of the filter: what it linearises over
 PHASE = 0.3  # [rad] of the fastest mode, the same
 STILL_SIGMAS = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
-LIVELY = 10.0  # times its likeliest walk that a torque has: too lively costs little, too smooth is wrong
-WINDOW = 0.5  # [s] of a reading whose polynomial gives its acceleration and jerk
 SHORTEST = 20  # samples a flight needs
 WIDEST = 20  # readings of a component from twice which on its outliers can be told
 
@@ -94,13 +91,14 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     inputs = input_channels(model, recording)
     drives, notes = _drives(point, recording, data, inputs, options)
     locked = np.array(sorted(v for v, how in drives.items() if how == "locked"), dtype=int)
-    unknown = _unknown_torques(model, recording, data, inputs, drives)
+    followed = [v for v, how in drives.items() if how == "measured"]
+    unknown, timing = followed_torques(model, recording, data, followed, likely_timing(recording))
     further, held = _disturbances(model, recording, data, inputs, options)
     problem = Problem(
         recording,
         data,
         locked,
-        likely_timing(recording),
+        timing,
         ProcessNoise(),
         substep=longest_substep(data),
         begin=initial_belief(model, data, locked, options.initial, reading_uncertainty(point, data)),
@@ -235,81 +233,6 @@ def _moving(data: Measurements, blocks: list[ChannelSlice], size: int) -> np.nda
         if block.quantity == "wheel_rate":
             out |= np.maximum(low, -high) > STILL_SIGMAS * sigma
     return out if blocks else np.ones(size, dtype=bool)
-
-
-def _unknown_torques(
-    model: SpacecraftModel,
-    recording: Recording,
-    data: Measurements,
-    inputs: dict[str, str],
-    drives: dict[int, Drive],
-) -> list[UnknownInput]:
-    """Return the torques of what follows its measured motion: as lively as that motion says they are.
-
-    Beside a recorded command, as lively as what that leaves of the motion: what it does not move in the
-    joint by itself, held or linear between samples as is likelier.
-    """
-    found: list[UnknownInput] = []
-    inertia = pin.crba(model.pin, model.pin.createData(), model.home)
-    mass = np.diag(inertia)
-    alone = 1.0 / np.diag(np.linalg.inv(np.triu(inertia) + np.triu(inertia, 1).T))
-    holds: list[Hold] = list(dict.fromkeys(t.hold for t in timings(recording)))
-    signals = [commanded(model, recording, h, required=False) for h in holds]
-    for group, torque, quantities in (
-        (model.arm_joints, "joint_torque", ("joint_velocity", "joint_position")),
-        (model.wheels, "wheel_torque", ("wheel_rate",)),
-    ):
-        free = [i for i, v in enumerate(group.v) if drives[int(v)] == "measured"]
-        if not free:
-            continue
-        block = next(b for q in quantities for b in data.blocks if b.quantity == q)
-        integrations = 2 if block.quantity == "joint_position" else 1
-        readings, sigma = data.values[:, block.rows], data.sigma[block.rows]
-        size = mass[group.v] * _motion_scales(data.times, readings, integrations)[0]
-        moved = [np.zeros_like(readings)]
-        if torque in inputs:
-            commands = [getattr(s, torque) for s in signals]
-            size = np.maximum(size, np.sqrt(np.nanmean(sample(commands[0], data.times) ** 2, axis=0)))
-            moved = [integral(c, data.times, integrations) / alone[group.v] for c in commands]
-        told = _likeliest_walks(data.times, [readings - m for m in moved], sigma, integrations)
-        walk = LIVELY * mass[group.v] * [t.walk for t in told]
-        slope = mass[group.v] * [t.slope for t in told]
-        for i in free:
-            own = int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])
-            row = block.rows.start + i
-            found.append(UnknownInput(*own, motor=torque in inputs, row=row, slope=float(slope[i])))
-    return found
-
-
-def _likeliest_walks(
-    times: np.ndarray, readings: Sequence[np.ndarray], sigma: np.ndarray, integrations: int
-) -> list[AccelerationWalk]:
-    """Return how accelerations wander behind the likeliest of several readings (N, k)."""
-    each = [
-        acceleration_walks(times, x, sigma, integrations, _motion_scales(times, x, integrations))
-        for x in readings
-    ]
-    return max(each, key=lambda walks: sum(w.log_likelihood for w in walks))
-
-
-def _motion_scales(times: np.ndarray, x: np.ndarray, integrations: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the root mean square acceleration and jerk (k,) of rates x (N, k), or after two ``integrations``
-    angles, at ``times`` (N,) [s].
-
-    From parabolas or cubics through `WINDOW` [s] of it.
-    """
-    there = np.isfinite(x).all(axis=1)
-    t, x = times[there], x[there]
-    half = max(4, round(0.5 * WINDOW / float(np.median(np.diff(t)))))
-    if len(t) < 2 * half + 2:
-        return np.zeros(x.shape[1]), np.zeros(x.shape[1])
-    accelerations, jerks = [], []
-    for k in range(half, len(t) - half, max(half, len(t) // 2000)):
-        own = slice(k - half, k + half + 1)
-        fit = np.polynomial.polynomial.polyfit(t[own] - t[k], x[own], integrations + 1)
-        accelerations.append((integrations * fit[integrations]) ** 2)
-        jerks.append((integrations * (integrations + 1) * fit[integrations + 1]) ** 2)
-    return np.sqrt(np.mean(accelerations, axis=0)), np.sqrt(np.mean(jerks, axis=0))
 
 
 def _disturbances(

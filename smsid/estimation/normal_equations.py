@@ -25,13 +25,15 @@ LAGS = 20  # of the autocorrelation of the innovations
 class InnovationSums:
     """Sums over the normalised innovations of one recording, by row of its measurements.
 
-    ``count``, ``squares`` (rows,) and ``products`` (rows, LAGS) at lags 1 to `LAGS`, outliers limited.
+    ``count``, ``squares``, ``fourths`` (their fourth powers) (rows,) and ``products`` (rows, LAGS) at lags 1
+    to `LAGS`, outliers limited.
     """
 
     names: tuple[str, ...]
     channels: tuple[str, ...]
     count: np.ndarray
     squares: np.ndarray
+    fourths: np.ndarray
     products: np.ndarray
     pairs: np.ndarray
 
@@ -80,7 +82,7 @@ class NormalEquations:
             own = out.get(t.label)
             if own is not None:
                 a, b = own.innovations, t.innovations
-                names = ("count", "squares", "products", "pairs")
+                names = ("count", "squares", "fourths", "products", "pairs")
                 sums = replace(a, **{n: getattr(a, n) + getattr(b, n) for n in names})
                 t = Term(
                     t.label,
@@ -230,7 +232,7 @@ class _Sums:
 
     def __init__(self, data) -> None:
         self.data = data
-        self.count, self.squares = np.zeros((2, data.rows))
+        self.count, self.squares, self.fourths = np.zeros((3, data.rows))
         self.products, self.pairs = np.zeros((2, data.rows, LAGS))
         self.last = np.full((LAGS, data.rows), np.nan)
 
@@ -238,6 +240,7 @@ class _Sums:
         x = np.vstack([self.last, normalised])
         self.count += np.isfinite(normalised).sum(axis=0)
         self.squares += np.nansum(normalised**2, axis=0)
+        self.fourths += np.nansum(normalised**4, axis=0)
         scale = np.sqrt(np.maximum(self.squares / np.maximum(self.count, 1.0), 1e-300))
         x = np.clip(x, -self.LIMIT * scale, self.LIMIT * scale)
         for lag in range(1, LAGS + 1):
@@ -249,4 +252,5 @@ class _Sums:
     def done(self) -> InnovationSums:
         blocks = self.data.blocks
         channels = tuple(b.channel for b in blocks for _ in range(b.rows.stop - b.rows.start))
-        return InnovationSums(self.data.names, channels, self.count, self.squares, self.products, self.pairs)
+        sums = self.count, self.squares, self.fourths, self.products, self.pairs
+        return InnovationSums(self.data.names, channels, *sums)

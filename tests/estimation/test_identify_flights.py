@@ -254,7 +254,7 @@ def test_positions_alone_tell_the_mass_where_the_attitude_at_the_start_is_known(
     recording = positions(np.random.default_rng(2))
     options = FlightOptions(initial=InitialPrior(attitude=0.02, rate=0.01))
     found = identify_flights(description, [recording], options=options)
-    mass = found.estimate["total.mass"]
+    mass = found.estimate["bus.m"]
     assert mass.status == "identifiable"
     assert abs(mass.value - RIGID.mass) < 4.0 * mass.sigma
     assert found.quality.judgement == "explained"

@@ -11,7 +11,8 @@ import pytest
 from smsid.effects import SensorScale
 from smsid.estimation import kalman
 from smsid.estimation.differences import difference_equations
-from smsid.estimation.flight import LIVELY, flight_of
+from smsid.estimation.flight import flight_of
+from smsid.estimation.followed_torques import LIVELY
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.normal_equations import normal_equations
