@@ -10,7 +10,7 @@ of the filter a parameter, two where it is not told.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.loosening import thinned
 from smsid.estimation.normal_equations import (
     BLOCKS,
-    CHUNK,
     NormalEquations,
     normal_equations,
     prior_offset,
@@ -34,6 +33,8 @@ STEP = 1e-3  # of a difference, in standard deviations along an axis
 ALIKE = 0.3  # of its curvature's root, and of a standard deviation, by which a derivative may differ
 TOLD = 0.5  # share of what is known along an axis, above which it is the recordings that tell it
 WEAK = 3  # axes that are asked about
+PIECE = 200  # samples of which all columns are in memory at once
+TOGETHER = 8  # axes that are asked about before the next are
 EDGE = 10.0  # steps from its bound within which a parameter is moved by itself
 
 
@@ -70,13 +71,14 @@ def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
     """
     size = sizes(found)
     alone = [i for i, u in enumerate(found.unknowns) if u.kind in ("effect", "sensor")]
-    axes = np.vstack([np.diag(1.0 / size)[alone], _least_told(found)])
+    axes = np.vstack([_least_told(found), np.diag(1.0 / size)[alone]])
     fewer = [thinned(f) for f in flights]
     counts = [sum(len(f.problem.data.times) for f in x) for x in (flights, fewer)]
     if len(axes) and counts[1] < counts[0]:
         here = normal_equations(found.point, found.unknowns, fewer)
         axes = axes[_apart(here, fewer, axes, np.sqrt(counts[0] / counts[1])) >= ALIKE]
-    return not len(axes) or bool(_apart(found, flights, axes, 1.0).max() < ALIKE)
+    some = (axes[k : k + TOGETHER] for k in range(0, len(axes), TOGETHER))
+    return all(_apart(found, flights, x, 1.0).max() < ALIKE for x in some)
 
 
 def _apart(found: NormalEquations, flights: Sequence[Flight], axes: np.ndarray, more: float) -> np.ndarray:
@@ -154,14 +156,13 @@ def _differences(point: Point, flight: Flight, ends: Ends) -> tuple[np.ndarray, 
     profiled = flight.problem.profiled
     middle, filters = _filter(point, flight), [[(_filter(p, flight), w) for p, w in own] for own in ends]
     count = len(flight.problem.data.times)
-    for first in range(0, count, CHUNK):
-        here = middle.advance(CHUNK)
-        likely, root = _likelihoods(here, profiled), _root(here)
-        columns, scores = [], np.empty((len(likely), len(ends)))
+    for first in range(0, count, PIECE):
+        base = Base.of(middle.advance(PIECE))
+        likely, columns = _likelihoods(base.run, profiled), []
+        scores = np.empty((len(likely), len(ends)))
         for k, own in enumerate(filters):
-            runs = [(kalman.advance(CHUNK), width) for kalman, width in own]
-            moved = [_column(here, there, width, root, profiled) for there, width in runs]
-            columns.append(np.mean(moved, axis=0))
+            runs = [(kalman.advance(PIECE), width) for kalman, width in own]
+            columns.append(np.mean([base.column(there, width, profiled) for there, width in runs], axis=0))
             gained = [(_likelihoods(there, profiled) - likely) / width for there, width in runs]
             scores[:, k] = np.mean(gained, axis=0)
         flat = np.array(columns)
@@ -172,33 +173,46 @@ def _differences(point: Point, flight: Flight, ends: Ends) -> tuple[np.ndarray, 
     return gram, blocks
 
 
-def _column(
-    here: FilterRun, there: FilterRun, width: float, root: np.ndarray, profiled: bool = False
-) -> np.ndarray:
-    """Return what a change of a parameter does to the errors and to their predicted covariance S, whitened.
+@dataclass(frozen=True)
+class Base:
+    """A run that others are held against, at the samples ``seen`` (N,) of which something is read.
 
-    Products of such columns are the information ``e_i' S^-1 e_j + tr(S^-1 S_i S^-1 S_j) / 2``, with e_i and
-    S_i the derivatives (Kay, *Estimation Theory*, section 3.9). ``root`` is `_root`. Rows that are given are
-    what the others are expected by: how the change weighs them is part of e_i, as they were read. As large
-    as S has them, which is what an unknown input may do, they are not. Where likelihoods are ``profiled``,
-    S_i tells nothing.
+    ``root`` (n, rows, rows) is the inverse of the whitening there, one where nothing is used.
     """
-    own = ~here.given
-    errors = np.where(here.used, there.errors - here.errors, 0.0)
-    ratio = np.where(here.used[:, :, None], np.matmul(there.whitening, root), 0.0)
-    ratio -= np.einsum("ni,ij->nij", here.used, np.eye(here.used.shape[1]))
-    moved = np.einsum("nij,nj->ni", here.whitening, errors)
-    moved += np.einsum("nij,nj->ni", ratio[:, :, here.given], here.innovations[:, here.given])
-    if profiled:
-        return moved[:, own].ravel() / width
-    ratio = ratio[:, own][:, :, own]
-    spread = (ratio + ratio.transpose(0, 2, 1)) * np.sqrt(0.5)
-    return np.concatenate([moved[:, own].ravel(), spread.ravel()]) / width
 
+    run: FilterRun
+    seen: np.ndarray
+    root: np.ndarray
 
-def _root(run: FilterRun) -> np.ndarray:
-    """Return the inverse of the whitening (N, rows, rows), one where nothing is used."""
-    return np.linalg.inv(run.whitening + np.einsum("ni,ij->nij", ~run.used, np.eye(run.used.shape[1])))
+    @classmethod
+    def of(cls, run: FilterRun) -> Base:
+        """Return a run made ready for `column`."""
+        seen = np.any(run.used, axis=1)
+        unused = np.einsum("ni,ij->nij", ~run.used[seen], np.eye(run.used.shape[1]))
+        return cls(run, seen, np.linalg.inv(run.whitening[seen] + unused))
+
+    def column(self, there: FilterRun, width: float, profiled: bool) -> np.ndarray:
+        """Return what a change of a parameter does to the errors and to their covariance S, whitened.
+
+        Products of such columns are the information ``e_i' S^-1 e_j + tr(S^-1 S_i S^-1 S_j) / 2``, with e_i
+        and S_i the derivatives (Kay, *Estimation Theory*, section 3.9). Rows that are given are what the
+        others are expected by: how the change weighs them is part of e_i, as they were read. As large as S
+        has them, which is what an unknown input may do, they are not. Where likelihoods are ``profiled``, S_i
+        tells nothing.
+        """
+        here, seen, given = self.run, self.seen, self.run.given
+        used, own = here.used[seen], ~given
+        errors = np.where(used, there.errors[seen] - here.errors[seen], 0.0)
+        ratio = np.where(used[:, :, None], np.matmul(there.whitening[seen], self.root), 0.0)
+        ratio -= np.einsum("ni,ij->nij", used, np.eye(used.shape[1]))
+        moved = np.einsum("nij,nj->ni", here.whitening[seen], errors)
+        moved += np.einsum("nij,nj->ni", ratio[:, :, given], here.innovations[seen][:, given])
+        if profiled:
+            return moved[:, own].ravel() / width
+        ratio = ratio[:, own][:, :, own]
+        low, high = np.triu_indices(ratio.shape[1])  # each pair once
+        spread = (ratio[:, low, high] + ratio[:, high, low]) * np.where(low == high, np.sqrt(0.5), 1.0)
+        return np.concatenate([moved[:, own].ravel(), spread.ravel()]) / width
 
 
 def _likelihoods(run: FilterRun, profiled: bool) -> np.ndarray:

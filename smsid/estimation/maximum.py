@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,8 @@ ENOUGH = 0.05  # predicted gain of the log-posterior below which a search has en
 TRIES = 8  # steps that are tried from one point, each shorter than the last
 ITERATIONS = 40
 ROUNDS = 15  # steps by differences of whole runs, each as long as a run of the filter a parameter
+LITTLE = 0.2  # predicted gain of a last step by differences that asks for none anew
+AS_PROMISED = 0.25  # share by which what it gains may differ from that
 STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
 
 Tell = Callable[[str], None]
@@ -45,16 +48,36 @@ def maximise(
 def equations_at_maximum(
     found: NormalEquations, flights: Sequence[Flight], *, tell: Tell | None = None
 ) -> NormalEquations:
-    """Return the normal equations at the maximum near a point where `maximise` came to a halt before it.
+    """Return the normal equations at the maximum near a point where `maximise` came to a halt.
 
     Steps are of slopes by differences of whole runs (`smsid.estimation.differences`), and so are the normal
     equations returned: at rest if `has_converged`. Raises `SimulationError` where a filter loses its
     recording.
     """
     exact = difference_equations(found, flights)
-    return _climb(exact, flights, ENOUGH, ROUNDS, tell, lambda better: difference_equations(better, flights))[
-        0
-    ]
+
+    def at(better: NormalEquations) -> NormalEquations:
+        nonlocal exact
+        exact = _moved(exact, better) or difference_equations(better, flights)
+        return exact
+
+    return _climb(exact, flights, ENOUGH, ROUNDS, tell, at)[0]
+
+
+def _moved(exact: NormalEquations, better: NormalEquations) -> NormalEquations | None:
+    """Return normal equations by differences a step on, as their quadratic form has them; ``None`` where the
+    step was not little, or gained otherwise than the form promised.
+    """
+    moved = np.array([better.point.value(u) - exact.point.value(u) for u in exact.unknowns])
+    step = moved / exact.scales
+    promised, gained = predicted_gain(exact, step), exact.objective - better.objective
+    if not (0.0 < promised < LITTLE and abs(gained - promised) < AS_PROMISED * promised):
+        return None
+    terms = tuple(
+        replace(t, gram=e.gram, slope=e.slope - e.gram @ step, scatter=e.scatter)
+        for t, e in zip(better.terms, exact.terms, strict=True)
+    )
+    return replace(better, terms=terms, gram=exact.gram, slope=exact.slope - exact.gram @ step, exact=True)
 
 
 def _climb(

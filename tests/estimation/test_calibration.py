@@ -11,7 +11,7 @@ from scipy.stats import chi2, multivariate_normal
 
 from smsid.comparison.explanations import _chance
 from smsid.estimation.contradictions import Part, contradictions_of
-from smsid.estimation.differences import _column
+from smsid.estimation.differences import Base
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.prior_conflict import conflict_of
 from smsid.estimation.problem import UnknownInput
@@ -75,7 +75,7 @@ def test_information_of_noise_levels_is_half_the_trace():
         own = {"used": used, "errors": errors, "innovations": errors, "given": given}
         here = SimpleNamespace(whitening=whitening, **own)
         louder = SimpleNamespace(used=used, errors=errors, whitening=whitening / np.sqrt(1.0 + width))
-        column = _column(here, louder, width, np.linalg.inv(whitening))  # S grows in proportion: S^-1 dS = 1
+        column = Base.of(here).column(louder, width, profiled=False)  # S grows in proportion: S^-1 dS = 1
         assert column @ column == pytest.approx(0.5 * (~given).sum() * n, rel=1e-3)
 
 

@@ -10,11 +10,12 @@ import pytest
 from smsid.estimation.differences import ALIKE, derivatives_hold, difference_equations
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
+from smsid.estimation.maximum import _moved, equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming
 from smsid.estimation.retraction import retract
+from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.estimation.unknowns import unknowns_of
 
 from .satellite import Satellite, guess, recorded
@@ -72,6 +73,27 @@ def test_from_a_halt_it_goes_on_to_the_maximum(known, flight, unknowns):
     start = retract(known.point, unknowns, 2.0 * at.scales / np.sqrt(np.diag(at.gram)))
     end = equations_at_maximum(normal_equations(start, unknowns, [flight]), [flight])
     assert has_converged(end) and end.objective < at.objective
+
+
+def test_a_little_last_step_asks_for_no_differences_anew(known, flight, unknowns):
+    """Its slopes are those that the quadratic form has there, if the step gained what the form promised."""
+    end, _ = maximise(known.point, unknowns, [flight])
+
+    def away(size: float):
+        step = size / np.sqrt(end.gram[0, 0]) * np.eye(len(unknowns))[0]
+        return normal_equations(retract(end.point, unknowns, step * end.scales), unknowns, [flight])
+
+    exact = difference_equations(away(0.4), [flight])
+    best = normal_equations(
+        retract(exact.point, unknowns, bounded_step(exact) * exact.scales), unknowns, [flight]
+    )
+    little, anew = _moved(exact, best), difference_equations(best, [flight])
+    assert little is not None and little.exact
+    off = little.slope - anew.slope
+    assert off @ np.linalg.solve(anew.gram, off) < 0.05**2
+    promised = predicted_gain(exact, bounded_step(exact))
+    assert _moved(exact, replace(best, objective=exact.objective - 0.5 * promised)) is None
+    assert _moved(difference_equations(away(2.0), [flight]), best) is None
 
 
 RIGID = Satellite(wheel=0.001, tank=(1e-6, 1e-4, 1e-6), panel=(1.0, 0.1, 1e-6, -1e-6))
