@@ -2,7 +2,8 @@
 
 Least squares by hand on the same data puts angles and forces through one Butterworth filter, forward and
 backward, takes rates by differences, and is judged on pulses that went through the same filter: its error
-depends on the band, of which two are shown. Needs SMSID_DATA with the folder emps.
+depends on the band, of which two are shown. The diagnosis begins with the bare axis, from either file. Needs
+SMSID_DATA with the folder emps.
 
     python benchmarks/emps.py
 """
@@ -21,6 +22,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from smsid.arm import identify_arm, with_friction_laws, with_joint_effects
 from smsid.description import Description
+from smsid.diagnose import diagnose
 from smsid.recording import Recording
 
 URDF = """<robot name="axis"><link name="base"/>
@@ -59,6 +61,19 @@ def by_hand(log: Recording, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
     return columns[kept], sosfiltfilt(sos, log["drive.joint_torque"][:, 0])[kept]
 
 
+def diagnosed(bare: Description, log: Recording, other: Recording) -> dict[str, Any]:
+    """What the diagnosis finds from the bare axis, and its error on the other recording."""
+    found = diagnose(bare, [log], validation=[other]).diagnosis
+    assert found.gain is not None, found.gain_reason
+    return {
+        "verdict": found.verdict,
+        "values": {
+            p.name: [round(p.value, 6), round(p.sigma, 6)] for c in found.causes for p in c.parameters
+        },
+        "held_out_relative_error": round(found.gain.channels[-1].extended, 4),
+    }
+
+
 def main() -> None:
     train, pulses = read("DATA_EMPS.mat", "estimation"), read("DATA_EMPS_PULSES.mat", "validation")
     hand = {}
@@ -72,6 +87,7 @@ def main() -> None:
                 float(np.linalg.norm(columns @ x - force) / np.linalg.norm(force)), 4
             ),
         }
+    files = {"DATA_EMPS": train, "DATA_EMPS_PULSES": pulses}
     middle = float(train.time("encoder.joint_position").mean())
     ends = [float(x) for x in train.time("encoder.joint_position")[[0, -1]]]
     results: dict[str, Any] = {}
@@ -80,6 +96,11 @@ def main() -> None:
         bare = Description(
             name="axis", urdf="axis.urdf", folder=Path(name), root="fixed", gravity=(0.0, 0.0, -9.81)
         )
+        from_bare = {
+            name: diagnosed(bare, log.with_role("estimation"), other.with_role("validation"))
+            for (name, log), other in zip(files.items(), (pulses, train), strict=True)
+        }
+        print("from the bare axis", from_bare, flush=True)
         usual = with_joint_effects(bare, ("slide",), "joint_friction", "torque_offset")
         for law, arm in (
             ("viscous and Coulomb", usual),
@@ -115,6 +136,7 @@ def main() -> None:
         "data": {"set": "emps", "identified_from": "DATA_EMPS.mat", "judged_on": "DATA_EMPS_PULSES.mat"},
         "by_hand": hand,
         "results": results,
+        "diagnosis_from_the_bare_axis": from_bare,
     }
     print(write_result("emps", result))
 
