@@ -163,8 +163,7 @@ class State:
     def prune(self) -> bool:
         """Drop the causes that the others have made needless; return whether any was."""
         self.causes, found = eliminate_backward(
-            self.causes, self.current, self.nominal,
-            self.levels.beside_a_cause, len(self.candidates), self._proven,
+            self.causes, self.current, self.nominal, self._asked, len(self.candidates), self._proven,
         )  # fmt: skip
         return self.take(found)
 
@@ -231,8 +230,9 @@ class State:
     @property
     def _asked(self) -> DetectionThresholds:
         asked = self.levels.beside_a_cause if self.causes else self.levels
-        # ratios that count what is not followed: small ones may be of large effects
-        return replace(asked, linear=0.0) if self.fitted.misfit else asked
+        # ratios that count what is not followed: small ones may be of large effects, those found before may be
+        # of other noise, and what the law of a cause leaves is counted, too
+        return replace(asked, linear=0.0, beside=0.0) if self.fitted.misfit else asked
 
     def _worth(self, s: Score) -> float:
         """Return what scores are ordered by: their odds.
@@ -250,7 +250,7 @@ class State:
 
     def _leading(self) -> list[Score]:
         """Return the likeliest score, then it and its contenders with the onset that each may have."""
-        least = self.levels.beside * max((c.ratio for c in self.causes), default=0.0)
+        least = self._asked.beside * max((c.ratio for c in self.causes), default=0.0)
         best = next((s for s in self.scores if s.ratio > least and self._counts(s)), None)
         if best is None or len(self.causes) == self.levels.causes:
             return []

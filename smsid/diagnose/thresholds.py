@@ -38,7 +38,7 @@ class DetectionThresholds:
     onset: float = _row(9.2, ODDS, "that a beginning midway gains beyond its search: 100 to 1", STUDIES)
     linear: float = _row(400.0, RATIO, "up to which a linear score is believed without a refit", STUDIES)
     beside: float = _row(
-        1e-3, "of the ratio", "of the strongest cause: less may be its steps or law", STUDIES
+        1e-3, "of the ratio", "of the strongest cause, in one noise: less may be its law", STUDIES
     )
     near: float = _row(0.5, "correlation", "least one of two candidates that are taken for each other")
     beyond: float = _row(1e-3, "chance", "of what a rival explains more, by which it is rejected", CHI2)

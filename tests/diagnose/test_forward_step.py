@@ -12,6 +12,7 @@ from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause, DetectionThresholds
 from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.score_test import Score
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 
 FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other", "vain"))
@@ -158,6 +159,17 @@ def test_while_misfit_is_counted_nothing_is_weighed_and_what_was_in_vain_stays_o
     assert state.forward_step() and state.forward_step()
     assert asked.recompute_evidence == [] and asked.stepped == [] and state.causes[0].ratio == 30.0
     assert asked.scored[-1] == ("with found", {OTHER: "with found"})
+
+
+@pytest.mark.parametrize(("misfit", "looked_at"), [(True, True), (False, False)])
+def test_a_ratio_of_other_noise_hides_nothing_while_misfit_is_counted(world, misfit, looked_at):
+    """A gyro's bias gained 1e7 with the panel unknown; beside the misfit its softening gains 300."""
+    state, asked = world
+    state.fitted = replace(state.fitted, misfit=misfit)
+    state.causes = [Cause(score_of(candidate(("sensor_bias", "imu", "bias"))), (), 1e7)]
+    state.forward_step()
+    assert bool(asked.accepted) is looked_at
+    assert state._asked.beside == (0.0 if misfit else THRESHOLDS.beside)
 
 
 @pytest.mark.parametrize(
