@@ -230,8 +230,8 @@ class State:
     @property
     def _asked(self) -> DetectionThresholds:
         asked = self.levels.beside_a_cause if self.causes else self.levels
-        # ratios that count what is not followed: small ones may be of large effects, those found before may be
-        # of other noise, and what the law of a cause leaves is counted, too
+        # ratios that count what is not followed: small ones may be of large effects, those found before of
+        # other noise, and what the law of a cause leaves is counted, too
         return replace(asked, linear=0.0, beside=0.0) if self.fitted.misfit else asked
 
     def _worth(self, s: Score) -> float:
