@@ -92,7 +92,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     drives, notes = _drives(point, recording, data, inputs, options)
     locked = np.array(sorted(v for v, how in drives.items() if how == "locked"), dtype=int)
     followed = [v for v, how in drives.items() if how == "measured"]
-    unknown, timing = followed_torques(model, recording, data, followed, likely_timing(recording))
+    unknown, timing = followed_torques(model, recording, data, followed, locked, likely_timing(recording))
     further, held = _disturbances(model, recording, data, inputs, options)
     problem = Problem(
         recording,

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from smsid.estimation.input_hold import Hold, commanded, input_channels, integral
+from smsid.estimation.input_hold import Hold, commanded, input_channels, means, unevenness
 from smsid.estimation.input_timing import CLEARLY, timings
 from smsid.estimation.measurements import Measurements
 from smsid.estimation.problem import CommandTiming, UnknownInput
@@ -17,6 +17,7 @@ from smsid.estimation.torque_walk import UNKNOWN, AccelerationWalk, acceleration
 from smsid.inputs.signals import sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
+from smsid.simulate import Inputs
 
 LOGGER = logging.getLogger(__name__)
 LIVELY = 10.0  # times its likeliest walk that a torque has: too lively costs little, too smooth is wrong
@@ -28,21 +29,20 @@ def followed_torques(
     recording: Recording,
     data: Measurements,
     followed: Sequence[int],
+    locked: np.ndarray,
     looks: CommandTiming,
 ) -> tuple[list[UnknownInput], CommandTiming]:
     """Return the torques of degrees of freedom that are ``followed``, as lively as their motion says.
 
-    Beside a recorded command, as lively as what that leaves of the motion: what it does not move in the joint
-    by itself. Also how commands act between samples: as it ``looks`` unless these readings clearly say else,
-    of which the filter's likelihood holds nothing.
+    Beside a recorded command, as lively as what all commands leave of the motion, of a craft of which nothing
+    but ``locked`` degrees of freedom is held. Also how commands act between samples: as it ``looks`` unless
+    these readings clearly say else, of which the filter's likelihood holds nothing.
     """
-    times = data.times
-    inertia = pin.crba(model.pin, model.pin.createData(), model.home)
-    mass = np.diag(inertia)
-    alone = 1.0 / np.diag(np.linalg.inv(np.triu(inertia) + np.triu(inertia, 1).T))
-    inputs = input_channels(model, recording)
+    times, inputs = data.times, input_channels(model, recording)
+    mass = np.diag(pin.crba(model.pin, model.pin.createData(), model.home))
     holds: list[Hold] = list(dict.fromkeys((looks.hold, *(t.hold for t in timings(recording)))))
     signals = [commanded(model, recording, h, required=False) for h in holds]
+    moved = [_moved(model, s, times, locked) for s in signals]
     found: list[tuple[UnknownInput, list[AccelerationWalk]]] = []
     for group, torque, quantities in (
         (model.arm_joints, "joint_torque", ("joint_velocity", "joint_position")),
@@ -57,9 +57,9 @@ def followed_torques(
         size = mass[group.v] * _motion_scales(times, readings, integrations)[0]
         left = [readings]
         if torque in inputs:
-            commands = [getattr(s, torque) for s in signals]
-            size = np.maximum(size, np.sqrt(np.nanmean(sample(commands[0], times) ** 2, axis=0)))
-            left = [readings - integral(c, times, integrations) / alone[group.v] for c in commands]
+            command = sample(getattr(signals[0], torque), times)
+            size = np.maximum(size, np.sqrt(np.nanmean(command**2, axis=0)))
+            left = [readings - by[integrations - 1][:, group.v] for by in moved]
         walks = [
             acceleration_walks(times, x, sigma, integrations, _motion_scales(times, x, integrations))
             for x in left
@@ -79,6 +79,19 @@ def followed_torques(
         for u, walks in found
     ]
     return unknown, replace(looks, hold=holds[best])
+
+
+def _moved(model: SpacecraftModel, inputs: Inputs, times: np.ndarray, locked: np.ndarray) -> list[np.ndarray]:
+    """Return what commands change rates and angles by at ``times`` (N,) [s], (N, nv) each, near home."""
+    free = np.setdiff1d(np.arange(model.nv), locked)
+    upper = np.triu(pin.crba(model.pin, model.pin.createData(), model.home))
+    inverse = np.zeros((model.nv, model.nv))
+    inverse[np.ix_(free, free)] = np.linalg.inv((upper + np.triu(upper, 1).T)[np.ix_(free, free)])
+    signal, h = inputs.driven(model).applied(model), np.diff(times)[:, None]
+    mean, more = (x @ inverse for x in (means(signal, times), unevenness(signal, times)))
+    rates = np.cumsum(np.vstack([np.zeros(model.nv), h * mean]), axis=0)
+    steps = h * rates[:-1] + 0.5 * h**2 * mean + more
+    return [rates, np.cumsum(np.vstack([np.zeros(model.nv), steps]), axis=0)]
 
 
 def _motion_scales(times: np.ndarray, x: np.ndarray, integrations: int) -> tuple[np.ndarray, np.ndarray]:

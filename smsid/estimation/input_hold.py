@@ -197,7 +197,7 @@ def means(signal: Signal, edges: np.ndarray) -> np.ndarray:
         return np.sum([means(part, edges) for part in signal.parts], axis=0)
     width = np.diff(edges)
     if isinstance(signal, Sampled):
-        return np.diff(integral(signal, edges, 1), axis=0) / width[:, None]
+        return np.diff(_integral(signal, edges, 1), axis=0) / width[:, None]
     if isinstance(signal, Delayed):
         return means(signal.signal, edges - signal.delay)
     if isinstance(signal, Switched):
@@ -219,7 +219,7 @@ def unevenness(signal: Signal, edges: np.ndarray) -> np.ndarray:
         return np.sum([unevenness(part, edges) for part in signal.parts], axis=0)
     h = np.diff(edges)[:, None]
     if isinstance(signal, Sampled):
-        once, twice = integral(signal, edges, 1), integral(signal, edges, 2)
+        once, twice = _integral(signal, edges, 1), _integral(signal, edges, 2)
         return np.diff(twice, axis=0) - h * once[:-1] - 0.5 * h * np.diff(once, axis=0)
     if isinstance(signal, Delayed):
         return unevenness(signal.signal, edges - signal.delay)
@@ -231,7 +231,7 @@ def unevenness(signal: Signal, edges: np.ndarray) -> np.ndarray:
     return -0.25 * h**2 * np.einsum("npk,p->nk", values, _WEIGHTS * _NODES)
 
 
-def integral(signal: Sampled, times: np.ndarray, order: int) -> np.ndarray:
+def _integral(signal: Sampled, times: np.ndarray, order: int) -> np.ndarray:
     """Return the first or second antiderivative (N, size) of samples; beyond them, the nearest goes on."""
     knots = signal.spline.t
     inside = np.clip(times, knots[signal.degree], knots[-1 - signal.degree])
