@@ -12,7 +12,7 @@ from scipy.special import expit
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.input_hold import VARYING
-from smsid.estimation.input_timing import timings
+from smsid.estimation.input_timing import BEHIND, FIRST, timings
 from smsid.estimation.normal_equations import NormalEquations, log_likelihood_of, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import CommandTiming
@@ -28,11 +28,30 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
 
     Where the search is ``at_rest``, each way is judged by what the likelihood would come to one step of all
     parameters on: those of a fit make up for a wrong way, as inertia for a wave that straight lines cut off.
+    Ways far behind over the first samples go no further.
     """
     choices = timings(flight.problem.recording)
     if len(choices) == 1:
         return flight
-    now = flight.problem.timing
+    now, data = flight.problem.timing, flight.problem.data
+    some = replace(flight, problem=replace(flight.problem, data=data.first(-(-len(data.times) // FIRST))))
+    likely = _likelihoods(point, unknowns, some, choices, at_rest)
+    ahead = [t for t in likely if likely[t] > max(likely.values()) - BEHIND]
+    if len(ahead) != 1:
+        likely = _likelihoods(point, unknowns, flight, ahead or choices, at_rest)
+    best = max(likely, key=lambda t: likely[t], default=now)
+    either = at_rest and {best.hold, now.hold} <= set(VARYING)  # `undecided` says how far that is told
+    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEARLY):
+        best = now
+    told = ", ".join(f"{t.hold} {t.side} {x:.1f}" for t, x in likely.items())
+    LOGGER.info("commands of '%s' taken as %s, %s: %s", flight.label, best.hold, best.side, told)
+    return with_timing(flight, best)
+
+
+def _likelihoods(
+    point: Point, unknowns: Sequence[Unknown], flight: Flight, choices: Sequence[CommandTiming], at_rest: bool
+) -> dict[CommandTiming, float]:
+    """Return how likely a flight is with commands as in each choice that a filter can follow."""
     likely: dict[CommandTiming, float] = {}
     for timing in choices:
         try:
@@ -44,13 +63,7 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
                 likely[timing] = log_likelihood_of(point, [other])
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
-    best = max(likely, key=lambda t: likely[t], default=now)
-    either = at_rest and {best.hold, now.hold} <= set(VARYING)  # `undecided` says how far that is told
-    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEARLY):
-        best = now
-    told = ", ".join(f"{t.hold} {t.side} {x:.1f}" for t, x in likely.items())
-    LOGGER.info("commands of '%s' taken as %s, %s: %s", flight.label, best.hold, best.side, told)
-    return with_timing(flight, best)
+    return likely
 
 
 def with_timing(flight: Flight, timing: CommandTiming) -> Flight:

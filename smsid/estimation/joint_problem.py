@@ -16,7 +16,7 @@ from smsid.errors import RecordingError
 from smsid.estimation.filter_pass import AppliedForces
 from smsid.estimation.filter_run import FilterRun, run_of_each
 from smsid.estimation.input_timing import timing_of
-from smsid.estimation.kalman import applied
+from smsid.estimation.kalman import applied, driving
 from smsid.estimation.measurements import ChannelSlice, Measurements
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Part, Problem, recordings_of, samples_of_each
@@ -209,7 +209,7 @@ class JointSensitivities(Sensitivities):
 
     def _applied(self, model: SpacecraftModel) -> AppliedForces:
         found = [
-            applied(ProcessModel(model, s.problem.locked), s.problem, s.inputs, s.run.edges)
+            applied(ProcessModel(model, s.problem.locked), s.problem, driving(model, s.inputs), s.run.edges)
             for s in self.each
         ]
         none = np.zeros((1, model.nv))

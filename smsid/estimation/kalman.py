@@ -17,6 +17,7 @@ from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
 from smsid.estimation.problem import Belief, Problem, recordings_of, unknown_forces, unknown_sigmas
 from smsid.estimation.process_model import ProcessModel
+from smsid.inputs.signals import Signal
 from smsid.kernel.filter_arrays import Samples, State
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.simulate import Inputs
@@ -25,13 +26,20 @@ from smsid.simulate.trajectory import States
 AT_ONCE = ("acceleration", "joint_position")  # what depends on the forces of the moment; encoders by a gear
 
 
+def driving(model: SpacecraftModel, inputs: Inputs) -> Signal:
+    """Return the applied generalised force over time (nv,): made once, as it is of the whole recording."""
+    return inputs.driven(model).applied(model)
+
+
 def applied(
-    plant: ProcessModel, problem: Problem, inputs: Inputs, times: np.ndarray | None = None
+    plant: ProcessModel, problem: Problem, signal: Signal, times: np.ndarray | None = None
 ) -> AppliedForces:
-    """Return the applied generalised forces on the clock of the samples, or of some ``times`` (n,) of it."""
+    """Return the applied generalised forces on the clock of the samples, or of some ``times`` (n,) of it.
+
+    ``signal`` is as `driving` makes it.
+    """
     whole = problem.data.times
     times = whole if times is None else times
-    signal = inputs.driven(plant.model).applied(plant.model)
     n = max(1, int(np.ceil(float(np.median(np.diff(whole))) / problem.substep - 1e-9)))
     n += n % 2  # the middle of a sample interval is an end of a step
     parts = np.linspace(0.0, 1.0, n + 1)[:-1]
@@ -75,7 +83,7 @@ class KalmanFilter:
         if self.compiled_tables is not None and self.walks is not None:
             own = self.walks.compiled_tables(self.compiled_tables.parameters)
             self.compiled_tables = self.compiled_tables._replace(parameters=own)
-        self.inputs = problem.inputs(model)
+        self.driving = driving(model, problem.inputs(model))
         self.input_noise = _input_covariance(model, problem)
         self.forces = unknown_forces(problem.unknown_inputs, problem.timing)
         self._readable = _readable(problem)
@@ -116,7 +124,7 @@ class KalmanFilter:
         n = min(samples, len(data.times) - first)
         edges = np.array(data.times[first : first + n + 1], dtype=float)
         if self._applied is None or not np.array_equal(self._applied[0], edges):
-            self._applied = edges, applied(self.base.plant, self.problem, self.inputs, edges)
+            self._applied = edges, applied(self.base.plant, self.problem, self.driving, edges)
         forces = replace(self._applied[1], before=self._before)
         times, present = edges[:n], self._readable[first : first + n]
         corrections = int(np.searchsorted(times, self.until, side="right"))

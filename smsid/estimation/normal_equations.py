@@ -204,7 +204,7 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     blocks = np.zeros((BLOCKS, len(mine)))
     for first in range(0, count, CHUNK):
         run = kalman.advance(CHUNK)
-        changes = Sensitivities(here, model, problem, run)
+        changes = Sensitivities(here, model, problem, run, kalman.driving)
         whitened = propagate(run, columns_of(changes, mine), delta)
         whitened[:, run.given] = 0.0
         scores = np.einsum("nrm,nr->nm", whitened, run.innovations)

@@ -14,11 +14,12 @@ from smsid.errors import NotIdentifiableError
 from smsid.estimation.bias_walk import unit_bias
 from smsid.estimation.filter_pass import AppliedForces, compiled_pays
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.kalman import applied
+from smsid.estimation.kalman import applied, driving
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.process_model import ProcessModel
+from smsid.inputs.signals import Signal
 from smsid.kernel.arrays import Kernel
 from smsid.kernel.derivatives import forces_along, passive_along
 from smsid.kernel.filter import steps_ahead
@@ -90,13 +91,24 @@ class Sensitivity:
 
 
 class Sensitivities:
-    """Changes by any parameter at a point, along a run of the filter there."""
+    """Changes by any parameter at a point, along a run of the filter there.
 
-    def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: FilterRun) -> None:
+    ``forces`` are those of its `KalmanFilter` over time, where there is one: they are made again if not.
+    """
+
+    def __init__(
+        self,
+        point: Point,
+        model: SpacecraftModel,
+        problem: Problem,
+        run: FilterRun,
+        forces: Signal | None = None,
+    ) -> None:
         self.point, self.model, self.problem, self.run = point, model, problem, run
         self.outputs = MeasurementModel(model, problem.data, problem.locked)
         self.sensors = point.sensors()
         self.inputs = problem.inputs(model)
+        self.driving = driving(model, self.inputs) if forces is None else forces
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[str, np.ndarray] = {}
@@ -193,7 +205,8 @@ class Sensitivities:
 
     def _applied(self, model: SpacecraftModel) -> AppliedForces:
         process = ProcessModel(model, self.problem.locked)
-        return applied(process, self.problem, self.inputs, self.run.edges)
+        forces = self.driving if model is self.model else driving(model, self.inputs)
+        return applied(process, self.problem, forces, self.run.edges)
 
     def bias(self, unknown: Unknown) -> Sensitivity:
         """Return the change by the bias of one component, along the sensor's own axes, of a channel."""

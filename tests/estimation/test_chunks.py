@@ -15,6 +15,7 @@ from smsid.estimation.problem import UnknownInput
 from smsid.estimation.sensitivities import Sensitivities, propagate
 from smsid.estimation.unknowns import unknowns_of
 from smsid.recording import Recording
+from smsid.simulate import Inputs
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,15 @@ def test_chunks_give_what_the_whole_recording_gives(known, flight):
         likely += part.log_likelihood
         first = last
     assert likely == pytest.approx(run.log_likelihood, rel=1e-12)
+
+
+def test_what_is_commanded_is_made_once_for_all_chunks(known, flight, monkeypatch):
+    """Of a whole recording at each of them, time would go with its square."""
+    made, plain = [], Inputs.applied
+    monkeypatch.setattr(Inputs, "applied", lambda self, model: made.append(1) or plain(self, model))
+    monkeypatch.setattr("smsid.estimation.normal_equations.CHUNK", 50)
+    normal_equations(known.point, unknowns_of(known.point).unknowns[:2], [flight])
+    assert len(flight.problem.data.times) > 500 and len(made) == 1
 
 
 def test_curvature_and_slope_are_those_of_the_objective(known, flight):
