@@ -38,7 +38,7 @@ from smsid.estimation.scale_conflict import scale_conflict
 from smsid.estimation.unknowns import sensor_unknowns, unknowns_of
 from smsid.estimation.unread_start import with_unread_start
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
-from smsid.identify.parameter_estimate import parse_combination
+from smsid.identify.parameter_estimate import SECOND_VIEW, parse_combination
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.report import HELD, METHOD, judged_by_share
@@ -267,7 +267,7 @@ def _with_terms(total: ParameterEstimate, terms: Sequence[str]) -> ParameterEsti
     if not terms:
         return total
     if len(terms) == 1 and parse_combination(terms[0]) == {terms[0]: 1.0}:
-        return replace(total, status="by_product", note=f"the same as {terms[0]}")
+        return replace(total, note=f"{SECOND_VIEW}{terms[0]}; {total.note}".rstrip("; "))
     return replace(total, note=f"{total.note}; the sum of {', '.join(terms)}".lstrip("; "))
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from smsid.errors import require
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate, ParameterEstimate
+from smsid.identify.parameter_estimate import SECOND_VIEW
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,9 +50,8 @@ def headline(estimate: Estimate) -> str:
 
 def asked_for(estimate: Estimate) -> tuple[ParameterEstimate, ...]:
     """Return the parameters of what was identified: no nuisances, no second view of the same."""
-    return tuple(
-        p for p in estimate.parameters if p.status != "by_product" and p.group not in BY_PRODUCT_GROUPS
-    )
+    own = (p for p in estimate.parameters if p.status != "by_product" and p.group not in BY_PRODUCT_GROUPS)
+    return tuple(p for p in own if not p.note.startswith(SECOND_VIEW))
 
 
 def text(estimate: Estimate) -> str:

@@ -13,6 +13,7 @@ IDENTIFIABLE_BELOW = 0.10
 """A parameter is identifiable when its predicted relative standard deviation is below this."""
 
 Status = Literal["identifiable", "not_identifiable", "known", "by_product"]
+SECOND_VIEW = "the same as "  # begins the note of what another name stands for as well: it is not printed
 
 
 @dataclass(frozen=True)

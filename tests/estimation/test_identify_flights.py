@@ -254,8 +254,9 @@ def test_positions_alone_tell_the_mass_where_the_attitude_at_the_start_is_known(
     recording = positions(np.random.default_rng(2))
     options = FlightOptions(initial=InitialPrior(attitude=0.02, rate=0.01))
     found = identify_flights(description, [recording], options=options)
-    mass = found.estimate["bus.m"]
-    assert mass.status == "identifiable"
+    mass = found.estimate["total.mass"]
+    assert mass.status == "identifiable" and mass.note == "the same as bus.m"
+    assert "bus.m" in str(found.estimate) and "total.mass" not in str(found.estimate)
     assert abs(mass.value - RIGID.mass) < 4.0 * mass.sigma
     assert found.quality.judgement == "explained"
 
