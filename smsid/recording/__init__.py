@@ -5,13 +5,18 @@
 'rad/s'
 """
 
-from smsid.recording.channels import QUANTITIES, quantity_of
-from smsid.recording.importing import import_recording
-from smsid.recording.mapping import ImportMapping, bundled_mappings, load_mapping
-from smsid.recording.pieces import complete_pieces
-from smsid.recording.readers import CsvFormat, read_columns
-from smsid.recording.recording import Recording, Role
-from smsid.recording.storage import load_recording, save_recording
+from typing import TYPE_CHECKING
+
+from smsid._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from smsid.recording.channels import QUANTITIES, quantity_of
+    from smsid.recording.importing import import_recording
+    from smsid.recording.mapping import ImportMapping, bundled_mappings, load_mapping
+    from smsid.recording.pieces import complete_pieces
+    from smsid.recording.readers import CsvFormat, read_columns
+    from smsid.recording.recording import Recording, Role
+    from smsid.recording.storage import load_recording, save_recording
 
 __all__ = [
     "QUANTITIES",
@@ -28,3 +33,5 @@ __all__ = [
     "read_columns",
     "save_recording",
 ]
+
+_, __getattr__ = lazy_names(__name__)
