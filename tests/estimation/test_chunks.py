@@ -11,7 +11,7 @@ from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.normal_equations import normal_equations, objective_of
-from smsid.estimation.problem import UnknownInput
+from smsid.estimation.problem import Belief, UnknownInput
 from smsid.estimation.sensitivities import Sensitivities, propagate
 from smsid.estimation.unknowns import unknowns_of
 from smsid.recording import Recording
@@ -51,6 +51,20 @@ def test_what_is_commanded_is_made_once_for_all_chunks(known, flight, monkeypatc
     monkeypatch.setattr("smsid.estimation.normal_equations.CHUNK", 50)
     normal_equations(known.point, unknowns_of(known.point).unknowns[:2], [flight])
     assert len(flight.problem.data.times) > 500 and len(made) == 1
+
+
+def test_a_filter_started_again_is_a_new_one(known, flight):
+    """From another belief, and from one chunk to the next."""
+    model, problem = known.point.model(), flight.problem
+    used = KalmanFilter(model, problem)
+    used.advance(len(problem.data.times))
+    begin = Belief(used.q, used.v, 0.1 * np.eye(2 * model.nv))
+    fresh = KalmanFilter(model, replace(problem, begin=begin), until=10.0)
+    again = used.restarted(begin, until=10.0)
+    for count in (170, 100):
+        one, other = fresh.advance(count), again.advance(count)
+        np.testing.assert_array_equal(one.innovations, other.innovations)
+        np.testing.assert_array_equal(one.states.v, other.states.v)
 
 
 def test_curvature_and_slope_are_those_of_the_objective(known, flight):
