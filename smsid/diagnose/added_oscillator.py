@@ -347,10 +347,8 @@ class OscillatorHypothesis(ProfiledHypothesis):
 
 def _choose(found: MapFit, changes: list[Sensitivity], axes: int, choices: int) -> list[int]:
     """Return for every axis the oscillator whose sum over the axes explains most, one mass for all."""
-    columns = propagate(found.run, changes).reshape(-1, len(changes))
-    left = found.left(columns)
-    gram, slope = left.T @ left, left.T @ found.residual
-    raw = np.einsum("ij,ij->j", columns, columns)
+    (beside,) = found.projected([propagate(found.run, changes).reshape(-1, len(changes))])
+    gram, slope, raw = beside.gram, beside.slope, beside.raw
     best = [choices // 2] * axes
     for _ in range(3 if axes > 1 else 1):
         for a in range(axes):

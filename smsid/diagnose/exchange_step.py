@@ -84,8 +84,8 @@ def exchange_step(
         near.sort(key=lambda s: -s.odds(samples))
         close = aliases_of(paid, near, samples)
         if better is not None:
-            cause = Cause(own, (), own.ratio)
-        causes[i] = replace(cause, aliases=close)
+            cause = Cause(own.with_own_columns(), (), own.ratio)
+        causes[i] = replace(cause, aliases=tuple((s.with_own_columns(), how) for s, how in close))
     return causes, last
 
 

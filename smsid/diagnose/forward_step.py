@@ -242,7 +242,9 @@ class State:
         """
         if not self.fitted.misfit:
             return s.odds(self.samples)
-        return self.fitted.explained(s.columns, s.estimate) if s.freedom and s.ratio > 0.0 else -np.inf
+        if not s.freedom or s.ratio <= 0.0:
+            return -np.inf
+        return self.fitted.explained(np.asarray(s.columns), s.estimate)
 
     def _counts(self, s: Score) -> bool:
         """Whether there is something; odds order what counts, they do not decide."""
@@ -379,6 +381,13 @@ class State:
         """Go on from another fit with the noise levels as they are."""
         self.fitted = replace(self.fitted, fit=found)
 
+    def forget_columns(self) -> None:
+        """Let go of the columns of all candidates, which take the most memory: what is scored later has them
+        made anew.
+        """
+        self._columns.clear()
+        self.scores = [s.without_columns() for s in self.scores]
+
     def _score_anew(self) -> None:
         self._columns.clear()
         self.scores = self._score_remaining()
@@ -389,6 +398,8 @@ class State:
         They do where they explain nothing and are so far apart from what is fitted that what the motion
         changes is small beside what is left of them: of a payload beside its link's mass it is not.
         """
+        if not self._columns:
+            return self._score_anew()
         least = APART * squared_distance(before, self.current.run)
         known = self._score_remaining(coarsely=True) if least < 1.0 else ()  # nothing is excited by more
         refused = [s for s in known if s.p_value > REFUSED and s.excited > least]

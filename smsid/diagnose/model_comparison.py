@@ -41,6 +41,11 @@ class Cause:
     aliases: tuple[tuple[Score, float], ...]
     ratio: float
 
+    def with_own_columns(self) -> Cause:
+        """Return it with columns of its own: a fit that is left again, and all of its candidates', may go."""
+        aliases = tuple((s.with_own_columns(), how) for s, how in self.aliases)
+        return replace(self, score=self.score.with_own_columns(), aliases=aliases)
+
 
 def accept(
     current: MapFit,
@@ -129,7 +134,7 @@ def accept(
         near += [
             s for s in rivals if s not in contenders and not is_distinguishable(best, s, samples, levels)
         ]
-    return Cause(winner, aliases_of(winner, near, samples, reached), ratio), found
+    return Cause(winner, aliases_of(winner, near, samples, reached), ratio).with_own_columns(), found
 
 
 def simplest_law(best: Score, scores: Sequence[Score], samples: int, levels: DetectionThresholds) -> Score:
@@ -222,7 +227,8 @@ def best_subset_odds(s: Score, samples: int) -> float:
         s.candidate, ResolvedHypothesis
     ):  # where it is was searched for: it has all it was found with
         return s.odds(samples)
-    gram, count = s.columns.T @ s.columns, len(s.estimate)
+    columns, count = np.asarray(s.columns), len(s.estimate)
+    gram = columns.T @ columns
     size = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
     gram, slope = gram / np.outer(size, size), gram @ s.estimate / size
     best = s.odds(samples)

@@ -183,5 +183,6 @@ def _causes(
     for c in named:
         near = [s for s in scores if s.candidate.key in others and s.candidate not in named]
         score = as_fitted(own[c.key], found)
-        out.append(Cause(score, tuple((s, correlation(own[c.key], s)) for s in near), score.ratio))
+        aliases = tuple((s, correlation(own[c.key], s)) for s in near)
+        out.append(Cause(score, aliases, score.ratio).with_own_columns())
     return tuple(out)

@@ -26,7 +26,7 @@ from smsid.diagnose.score_test import (
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.external import Bodies, GravityGradient
 from smsid.effects.payload import WheelImbalance, point_parameters
-from smsid.estimation.map_estimate import MapFit, ProjectedColumns
+from smsid.estimation.map_estimate import LeftColumns, MapFit, ProjectedColumns
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
@@ -116,9 +116,7 @@ def best_shape(
 
     Each shape takes some of the columns ``beside`` the fitted parameters.
     """
-    left = beside.left
-    gram, slope = left.T @ left, left.T @ found.residual
-    raw = np.einsum("ij,ij->j", beside.columns, beside.columns)
+    gram, slope, raw = beside.gram, beside.slope, beside.raw
     samples = found.run.samples
     best, most = None, -np.inf
 
@@ -150,7 +148,8 @@ def best_shape(
     excited = float(values.min(initial=1.0))
     taken = beside.taken[:, index] @ by
     sides = 1 if freedom == 1 and own.one_sided else 2
-    return Score(own, ratio, freedom, estimate, covariance, excited, left[:, index] @ by, taken, sides)
+    shown = LeftColumns(found, beside.columns[:, index], by)
+    return Score(own, ratio, freedom, estimate, covariance, excited, shown, taken, sides)
 
 
 @dataclass(frozen=True)
@@ -211,8 +210,7 @@ class LeakHypothesis(Candidate):
     def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score at the origin, or where the likelihood is largest: of these two, the likelier."""
         assert self.effect is not None
-        left, columns = own.left, own.columns
-        gram, slope = left.T @ left, left.T @ found.residual
+        columns, gram, slope = own.columns, own.gram, own.slope
 
         def worth(place: np.ndarray) -> float:
             theta = point_parameters(1.0, place)
@@ -244,7 +242,8 @@ class LeakHypothesis(Candidate):
         estimate = np.array([rate, 0.0, 0.0, 0.0])
         freedom = 4 if place.any() else 1
         excited = float(values.min(initial=1.0))
-        return Score(leak, ratio, freedom, estimate, covariance, excited, left @ by, own.taken @ by)
+        shown = LeftColumns(found, columns, by)
+        return Score(leak, ratio, freedom, estimate, covariance, excited, shown, own.taken @ by)
 
 
 def by_one(theta: np.ndarray, gram: np.ndarray, slope: np.ndarray) -> float:
@@ -366,7 +365,7 @@ class GravityGradientHypothesis(Candidate):
     def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return the score of the vertical that explains most, and where the motion tells, of its turning."""
         own_effect = cast(GravityGradient, self.effect)
-        gram, slope = own.left.T @ own.left, own.left.T @ found.residual
+        gram, slope = own.gram, own.slope
 
         def worth(vertical: np.ndarray) -> float:
             x = coefficients(vertical)
@@ -398,14 +397,14 @@ class GravityGradientHypothesis(Candidate):
         estimate = np.array([size, 0.0, 0.0, 0.0])
         excited = float(np.sort(values)[-3]) if freedom == 3 else 0.0
         settled = recast(ResolvedHypothesis, self, {"effect": effect})
-        return Score(settled, ratio, freedom, estimate, covariance, excited, own.left @ by, own.taken @ by)
+        shown = LeftColumns(found, own.columns, by)
+        return Score(settled, ratio, freedom, estimate, covariance, excited, shown, own.taken @ by)
 
     def _turning(self, found: MapFit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
         """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""
         changes = [self._turned(found, e.model_copy(update={"gradient": gradient})) for e in effects]
         (own,) = found.projected([propagate(found.run, changes).reshape(-1, len(effects))])
-        left = found.residual[:, None] - own.left
-        return effects[int(np.argmin(np.einsum("ij,ij->j", left, left)))]
+        return effects[int(np.argmin(own.gram.diagonal() - 2.0 * own.slope))]
 
     def _turned(self, found: MapFit, effect: GravityGradient) -> Sensitivity:
         """Return what a field does whose vertical turns: what the parts do, as much of each as there is."""

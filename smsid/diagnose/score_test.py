@@ -17,7 +17,7 @@ from smsid.effects.base import Effect
 from smsid.effects.friction_law import BY_FIELD
 from smsid.errors import DescriptionError, SmsidError
 from smsid.estimation.joint_problem import samples_in
-from smsid.estimation.map_estimate import MapFit, ProjectedColumns, columns_of
+from smsid.estimation.map_estimate import LeftColumns, MapFit, ProjectedColumns, columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.model.spacecraft import SpacecraftModel
@@ -147,18 +147,19 @@ class Candidate:
         What does nothing in this recording (a centre of mass along the only axis its body turns about) is
         not fitted, unless a prior tells what it is.
         """
-        left, raw = own.left, np.einsum("ij,ij->j", own.columns, own.columns)
+        raw = own.raw
         moves = raw > NOTHING * raw.max(initial=0.0)
         if moves.any() and not (moves | self._told).all():
             kept = moves | self._told
             return self._only(kept).scored(found, own.only(kept))
-        estimate, covariance, ratio, values = least_squares(left.T @ left, left.T @ found.residual, raw)
+        estimate, covariance, ratio, values = least_squares(own.gram, own.slope, raw)
         excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
         if int((raw > 0.0).sum()) == 1 and not _allowed(self, estimate):
             ratio = 0.0
         freedom = int((values > EXCITED).sum())
         sides = 1 if freedom == 1 and self.one_sided else 2
-        return Score(self, ratio, freedom, estimate, covariance, excited, left, own.taken, sides)
+        shown = LeftColumns(found, own.columns)
+        return Score(self, ratio, freedom, estimate, covariance, excited, shown, own.taken, sides)
 
     def scored_coarsely(self, found: MapFit, own: ProjectedColumns) -> Score:
         """Return its score as of the variants its columns are of, where `scored` may look for finer ones."""
@@ -224,10 +225,18 @@ class Score:
     estimate: np.ndarray
     covariance: np.ndarray
     excited: float
-    columns: np.ndarray
+    columns: np.ndarray | LeftColumns
     taken: np.ndarray
     sides: int = 2
     another: Score | None = None
+
+    def with_own_columns(self) -> Score:
+        """Return it with its columns as an array, without the fit and all candidates' that they are of."""
+        return self if isinstance(self.columns, np.ndarray) else replace(self, columns=np.array(self.columns))
+
+    def without_columns(self) -> Score:
+        """Return it without columns: it cannot be compared with others any more."""
+        return replace(self, columns=np.zeros((0, len(self.estimate))))
 
     @property
     def p_value(self) -> float:
@@ -353,7 +362,8 @@ def correlation(first: Score, second: Score) -> float:
     """Return the largest canonical correlation of two candidates, the fitted parameters projected out."""
     bases = []
     for s in (first, second):
-        size = np.linalg.norm(s.columns, axis=0)
-        u, values, _ = np.linalg.svd(s.columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
+        columns = np.asarray(s.columns)
+        size = np.linalg.norm(columns, axis=0)
+        u, values, _ = np.linalg.svd(columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
         bases.append(u[:, values > 1e-6])
     return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False).max(initial=0.0))

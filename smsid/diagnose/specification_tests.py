@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -25,7 +25,10 @@ RIPPLE = range(3, 13)
 LAGS = 8
 PAST = "its own past"
 BANDS = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # of the highest frequency
+TOGETHER = 128  # columns that are carried at once: nearly as fast as all of them, in a fraction of the memory
 SIGN = 1e-3  # [rad/s] rate at which the sign of a rate turns over
+
+Named = tuple[str, str, str, list[Sensitivity]]  # where, location and dependence of a test, and its columns
 
 
 @dataclass(frozen=True)
@@ -129,19 +132,27 @@ def adequacy(found: MapFit) -> list[SpecificationTest]:
     """
     left_open = open_joints(found)
     asked = [e for e in equations_of(found) if e.location not in left_open]
-    named = [(e.name, e.location, on, own) for e in asked for on, own in _dependences(found, e)]
+    named: list[Named] = [(e.name, e.location, on, own) for e in asked for on, own in _dependences(found, e)]
     named += [(channel, channel, on, own) for channel, on, own in _channels(found)]
-    changes = [c for *_, own in named for c in own]
-    whitened = propagate(found.run, changes).reshape(-1, len(changes))
-    blocks, ends = [], np.cumsum([len(own) for *_, own in named])[:-1]
-    beside = found.projected(np.split(whitened, ends, axis=1))
-    for (where, location, dependence, _), own in zip(named, beside, strict=True):
-        raw, left = np.einsum("ij,ij->j", own.columns, own.columns), own.left
-        _, _, ratio, values = least_squares(left.T @ left, left.T @ found.residual, raw)
-        freedom = int((values > EXCITED).sum())
-        blocks.append(SpecificationTest(where, dependence, ratio, freedom, location=location))
+    blocks = []
+    for some in _grouped(named):
+        changes = [c for *_, own in some for c in own]
+        whitened = propagate(found.run, changes).reshape(-1, len(changes))
+        ends = np.cumsum([len(own) for *_, own in some])[:-1]
+        beside = found.projected(np.split(whitened, ends, axis=1))
+        for (where, location, dependence, _), own in zip(some, beside, strict=True):
+            _, _, ratio, values = least_squares(own.gram, own.slope, own.raw)
+            freedom = int((values > EXCITED).sum())
+            blocks.append(SpecificationTest(where, dependence, ratio, freedom, location=location))
     blocks += whiteness(found)
     return sorted(blocks, key=lambda b: b.order)
+
+
+def _grouped(named: Sequence[Named]) -> Iterator[Sequence[Named]]:
+    """Yield tests in groups of about `TOGETHER` columns."""
+    count = np.cumsum([len(own) for *_, own in named]) // TOGETHER
+    for group in np.unique(count):
+        yield [one for one, k in zip(named, count, strict=True) if k == group]
 
 
 def whiteness(found: MapFit) -> list[SpecificationTest]:

@@ -51,9 +51,10 @@ PRUNING = "leaving out needless causes"  # as a step that failed is called
 class Search:
     """How a search ended: the fit of the nominal parameters alone, the last fit, causes and tests.
 
-    ``scores`` are those of the last round, the best first; ``before`` are the generic tests of the nominal
-    model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated ones by channel, as
-    fitted, ``factors`` (rows,) by component; with ``misfit`` they count what the model cannot follow.
+    ``scores`` are those of the last round, the best first, without their columns; ``before`` are the generic
+    tests of the nominal model, ``blocks`` those with the causes. ``noise`` are noise levels over the stated
+    ones by channel, as fitted, ``factors`` (rows,) by component; with ``misfit`` they count what the model
+    cannot follow.
     ``normalised_rmse`` are rms of the prediction errors over the stated noise, before and after.
     ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
     in steps.
@@ -121,7 +122,9 @@ def search(
         state.guarded(PRUNING, state.prune)
         if state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
             _look(state)
+    state.forget_columns()
     blocks = _apply_generic_tests(state, coarse)
+    state.forget_columns()
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
     sensor = state.fitted.alone and not state.causes

@@ -98,7 +98,7 @@ def coarse_cause(
         return None
     # not against the model without it, which loses the recording, nor in one that may err: all are alike
     score = as_fitted(score, found)
-    return Coarse(nominal, found, (Cause(score, (), score.ratio),))
+    return Coarse(nominal, found, (Cause(score, (), score.ratio).with_own_columns(),))
 
 
 def _starts(

@@ -86,35 +86,33 @@ def gain(
     Noise levels and timing are those of ``like``. With the extended model, what is stuck or an outlier in
     components with such ``faults`` is left out, as it was where they were found.
     """
-    first, second = (read_like(point, recording, like, rate) for point in (given, nominal))
+    reads = [read_like(point, recording, like, rate) for point in (given, nominal)]
     stuck, wild = (frozenset(f.component for f in faults if f.kind == kind) for kind in ("stuck", "outliers"))
-    third = second
     if extended is not nominal or stuck or wild:
-        third = read_like(extended, recording, like, rate, stuck)
-    closed = [run_filter(*first), run_filter(*second)]
-    closed.append(closed[1] if third is second else run_filter(*third))
-    if wild:
-        model, problem = third
-        here = [f for f in outliers(problem.data, closed[2]) if f.component in wild]
-        third = model, replace(problem, data=drop_samples(problem.data, here))
-        closed[2] = run_filter(*third)
-    data = third[1].data
-    opened = [_simulated(*read, run) for read, run in zip((first, second), closed[:2], strict=True)]
-    opened.append(opened[1] if third is second else _simulated(*third, closed[2]))
-    excess = [float((r.innovations**2).sum()) - r.samples for r in closed]
-    rms = [float(np.sqrt((r.innovations**2).sum() / r.samples)) for r in closed]
-    channels = []
+        reads.append(read_like(extended, recording, like, rate, stuck))
+    samples, excess, opened = [], [], []
+    for k, (model, problem) in enumerate(reads):  # a run is let go before the next: it takes much memory
+        run = run_filter(model, problem)
+        if wild and k == 2:
+            here = [f for f in outliers(problem.data, run) if f.component in wild]
+            problem = replace(problem, data=drop_samples(problem.data, here))
+            run = run_filter(model, problem)
+        samples.append(run.samples)
+        excess.append(float((run.innovations**2).sum()) - run.samples)
+        alone = _simulated(model, problem, run)
+        opened.append(None if alone is None else alone.errors)
+    for of_models in (samples, excess, opened):
+        of_models += of_models[1:2] if len(reads) == 2 else []
+    rms = [float(np.sqrt(more / n + 1.0)) for more, n in zip(excess, samples, strict=True)]
+    channels, data = [], problem.data
     there = np.isfinite(data.values)
     for block in data.blocks:
-        given_, nominal_, extended_ = (_rms(run, there, block.rows) for run in opened)
+        given_, nominal_, extended_ = (_rms(errors, there, block.rows) for errors in opened)
         noise = float(np.sqrt(np.mean(data.sigma[block.rows] ** 2)))
         unit = recording.unit(block.channel)
         channels.append(ChannelGain(block.channel, unit, given_, extended_, noise, nominal_))
-    name, samples = recording.name, closed[0].samples
-    left_out = samples - closed[2].samples
-    return Gain(
-        name, samples, rms[0], rms[1], rms[2], excess[0], excess[1], excess[2], tuple(channels), left_out
-    )
+    left_out = samples[0] - samples[2]
+    return Gain(recording.name, samples[0], *rms, *excess, tuple(channels), left_out)
 
 
 def read_like(
@@ -152,7 +150,7 @@ def _simulated(model: SpacecraftModel, problem: Problem, closed: FilterRun) -> F
         return None
 
 
-def _rms(run: FilterRun | None, there: np.ndarray, rows: slice) -> float:
-    if run is None or not there[:, rows].any():
+def _rms(errors: np.ndarray | None, there: np.ndarray, rows: slice) -> float:
+    if errors is None or not there[:, rows].any():
         return float("nan")
-    return float(np.sqrt(np.mean(run.errors[:, rows][there[:, rows]] ** 2)))
+    return float(np.sqrt(np.mean(errors[:, rows][there[:, rows]] ** 2)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import time
 from dataclasses import dataclass
@@ -226,27 +227,20 @@ def compiled_pays() -> bool:
 
 
 def _empty_record(moves: int, n: int, rows: int, width: int, m: int, model: SpacecraftModel) -> Record:
-    def moments(count: int) -> tuple[np.ndarray, ...]:
-        shapes = ((model.nq,), (model.nv,), (model.nv,), (model.nv,), (model.nv, model.nv))
-        return tuple(np.zeros((count, *shape)) for shape in shapes)
-
-    return Record(
-        innovations=np.zeros((n, rows)),
-        whitening=np.zeros((n, rows, rows)),
-        gain=np.zeros((n, width, rows)),
-        sensitivity=np.zeros((n, rows, width)),
-        by_a=np.zeros((n, rows, model.nv)),
-        transition=np.zeros((moves, width, width)),
-        forcing=np.zeros((moves, width, model.nv)),
-        predicted=np.zeros((n, rows)),
-        errors=np.zeros((n, rows)),
-        normalised=np.zeros((n, rows)),
-        log_likelihood=np.zeros(n),
-        values=np.zeros((n, m)),
-        sigmas=np.zeros((n, m)),
-        at=moments(n),
-        middle=moments(moves),
-    )
+    """Return a record of zeros, in one piece of memory: of smaller ones each page is asked for by itself."""
+    nq, nv = model.nq, model.nv
+    moment = [(nq,), (nv,), (nv,), (nv,), (nv, nv)]
+    shapes = [
+        *((n, *s) for s in ((rows,), (rows, rows), (width, rows), (rows, width), (rows, nv))),
+        *((moves, *s) for s in ((width, width), (width, nv))),
+        *((n, *s) for s in ((rows,), (rows,), (rows,), (), (m,), (m,))),
+        *((n, *s) for s in moment),
+        *((moves, *s) for s in moment),
+    ]
+    ends = np.cumsum([math.prod(s) for s in shapes]).tolist()
+    whole = np.zeros(ends[-1])
+    parts = [x.reshape(s) for x, s in zip(np.split(whole, ends[:-1]), shapes, strict=True)]
+    return Record(*parts[:13], at=tuple(parts[13:18]), middle=tuple(parts[18:]))
 
 
 def lost_at(time: float) -> SimulationError:

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.fft import dct
@@ -31,7 +32,7 @@ STALLED = 0.02  # share of the predicted gain below which two steps in a row wer
 AMPLE = 1.1  # share of the predicted gain within which a fit may still reach what it has to
 FAR = 10.0  # the same of its first step, which may be of a motion that is none yet
 PATIENCE = 4  # steps after which it has to be there
-AGAIN = 1e-4  # share of a column's squares below which what is left is projected once more
+AGAIN = 1e-4  # share of a column's squares, below which what is left of it is told by itself, or twice
 COSINES = 4  # slowest ones that the variance of a sum of coloured errors is read from
 HEAVY = float(student.ppf(0.975, COSINES)) / NORMAL95  # what so few make of a normal's 95 %
 TOGETHER = 64  # columns that are projected at once: as fast as all of them, and they fit in memory
@@ -49,17 +50,52 @@ class Prior:
 
 @dataclass(frozen=True)
 class ProjectedColumns:
-    """Whitened columns (N rows, d), what a fit's parameters leave of them (N rows + priors, d), and by how
-    much these stand in for them (m, d), in scales.
+    """Whitened columns (N rows, d) beside a fit's parameters: their squares ``raw`` (d,), the products
+    ``gram`` (d, d) of what the parameters leave of them and ``slope`` (d,) of that with the residual, and by
+    how much the parameters stand in for them: ``taken`` (m, d), in scales.
     """
 
+    fit: MapFit
     columns: np.ndarray
-    left: np.ndarray
+    raw: np.ndarray
+    gram: np.ndarray
+    slope: np.ndarray
     taken: np.ndarray
+
+    @property
+    def left(self) -> np.ndarray:
+        """What the parameters leave of them (N rows + priors, d)."""
+        return self.fit.left(self.columns)
 
     def only(self, which: np.ndarray) -> ProjectedColumns:
         """Return those of the columns that ``which`` (d,) marks."""
-        return ProjectedColumns(self.columns[:, which], self.left[:, which], self.taken[:, which])
+        return replace(
+            self,
+            columns=self.columns[:, which],
+            raw=self.raw[which],
+            gram=self.gram[np.ix_(which, which)],
+            slope=self.slope[which],
+            taken=self.taken[:, which],
+        )
+
+
+@dataclass(frozen=True)
+class LeftColumns:
+    """What a fit leaves (N rows + priors, d) of whitened columns (N rows, k) times ``by`` (k, d), or as they
+    are; an array when it is asked for: of hundreds of candidates few are, and together they take the most.
+    """
+
+    fit: MapFit
+    columns: np.ndarray
+    by: np.ndarray | None = None
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return the array, see `numpy.asarray`."""
+        return self._whole
+
+    @cached_property
+    def _whole(self) -> np.ndarray:
+        return self.fit.left(self.columns if self.by is None else self.columns @ self.by)
 
 
 @dataclass(frozen=True)
@@ -98,35 +134,45 @@ class MapFit:
 
         By projection, not by differences of Gram matrices, which lose what a tight prior leaves.
         """
-        return self._parted([columns])[0]
+        return self._less(columns, self.factors[0][: len(columns)].T @ columns)
 
-    def _parted(self, groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is left of groups of columns (N rows, d each) together, (N rows + priors, d), and the
-        rest (m, d), scaled.
-        """
-        left = np.zeros((len(self.residual), sum(g.shape[1] for g in groups)), order="F")
-        np.concatenate(groups, axis=1, out=left[: len(groups[0])])
+    def _less(self, columns: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Return columns (N rows, d) less what of them is in the derivatives, ``own`` (m, d) by their Q."""
+        left = np.zeros((len(self.residual), columns.shape[1]), order="F")
+        left[: len(columns)] = columns
         before = np.einsum("ij,ij->j", left, left)
-        q, r = self.factors
-        own = q.T @ left
+        q, _ = self.factors
         left = dgemm(-1.0, q, own, 1.0, left, overwrite_c=True)  # left -= q @ own
         rest = np.einsum("ij,ij->j", left, left) < AGAIN * before  # of little, rounding is a larger share
         if rest.any():
             left[:, rest] -= q @ (q.T @ left[:, rest])
-        return left, solve_triangular(r, own)
+        return left
 
     def projected(self, groups: Sequence[np.ndarray]) -> Iterator[ProjectedColumns]:
         """Yield groups of whitened columns, (N rows, d) each, beside the fitted parameters.
 
-        Many at once: one product of large matrices is far faster than many of thin ones.
+        Many at once: one product of large matrices is far faster than many of thin ones. Where little is left
+        of any combination of a group's columns, the products are those of what is left.
         """
-        first = 0
+        q, r = self.factors
+        within, first = q.T @ self.residual, 0
         while first < len(groups):
             widths = np.cumsum([g.shape[1] for g in groups[first:]])
             some = groups[first:][: max(1, int(np.searchsorted(widths, TOGETHER)))]
-            ends = np.cumsum([g.shape[1] for g in some])[:-1]
-            left, taken = (np.split(x, ends, axis=1) for x in self._parted(some))
-            yield from (ProjectedColumns(*x) for x in zip(some, left, taken, strict=True))
+            rows, ends = len(some[0]), np.cumsum([g.shape[1] for g in some])
+            together = np.empty((rows, ends[-1]), order="F")
+            np.concatenate(some, axis=1, out=together)
+            own, slopes = q[:rows].T @ together, together.T @ self.residual[:rows]
+            parts = (np.split(x, ends[:-1], axis=-1) for x in (own, slopes, solve_triangular(r, own)))
+            for columns, mine, slope, taken in zip(some, *parts, strict=True):
+                gram = columns.T @ columns
+                raw = gram.diagonal()
+                gram, slope = gram - mine.T @ mine, slope - mine.T @ within
+                size = np.sqrt(np.where(raw > 0.0, raw, 1.0))
+                if np.linalg.eigvalsh(gram / np.outer(size, size)).min(initial=1.0) < AGAIN:
+                    left = self._less(columns, mine)
+                    gram, slope = left.T @ left, left.T @ self.residual
+                yield ProjectedColumns(self, columns, raw, gram, slope, taken)
             first += len(some)
 
     @property

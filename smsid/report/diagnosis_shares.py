@@ -115,12 +115,9 @@ def rescore(search: Search) -> tuple[Score, ...]:
     candidates: dict[tuple[str, str, str], Candidate] = {}
     for s in (*(c.score for c in search.causes), *search.scores):
         candidates.setdefault(s.candidate.key, s.candidate)
-    if not search.causes:
-        found: Sequence[Score] = search.scores
-    else:
-        known = list(candidates.values())
-        columns = signatures(search.nominal, known)
-        found = scored(search.nominal, [known[i] for i in columns], list(columns.values()))
+    known = list(candidates.values())
+    columns = signatures(search.nominal, known)
+    found = scored(search.nominal, [known[i] for i in columns], list(columns.values()))
     return tuple(sorted(found, key=lambda s: -s.information_gain(search.samples)))
 
 

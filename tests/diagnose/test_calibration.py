@@ -131,13 +131,17 @@ def test_generic_tests_have_the_size_they_say(monkeypatch):
     columns = rng.standard_normal((rows, tests * each))
     fit = stub(rng, rows, 2, np.ones(2))
     fit.residual[rows:] = rng.standard_normal(2)
-    fit.run, fit.left = None, lambda c: MapFit.left(fit, c)
+    fit.run = None
     fit.problem = SimpleNamespace(noise=ProcessNoise())
     named = [("imu.angular_rate", "rate", [Sensitivity()] * each)] * tests
     for part in ("equations_of", "whiteness"):
         monkeypatch.setattr(f"smsid.diagnose.specification_tests.{part}", lambda found: [])
     monkeypatch.setattr("smsid.diagnose.specification_tests._channels", lambda found: named)
-    monkeypatch.setattr("smsid.diagnose.specification_tests.propagate", lambda run, changes: columns)
+    rest = iter(columns.T)  # tests are asked in groups
+    monkeypatch.setattr(
+        "smsid.diagnose.specification_tests.propagate",
+        lambda run, changes: np.column_stack([next(rest) for _ in changes]),
+    )
     found = adequacy(fit)
     assert {b.freedom for b in found} == {each}
     # one residual for all, of `rows` dimensions beside the fitted parameters: a test of k takes k of them
