@@ -111,25 +111,27 @@ class Sensitivities:
         self.driving = driving(model, self.inputs) if forces is None else forces
         self.applied = self._applied(model)
         self._rates: np.ndarray | None = None
-        self._regressors: dict[str, np.ndarray] = {}
+        self._regressors: dict[int, Sensitivity] = {}
         self._own: dict[tuple[str, bool], np.ndarray] = {}
         self._whole: list[Kernel | None] = []
         self.by_candidate: dict[tuple[object, ...], list[Sensitivity]] = {}  # what is scored is scored again
 
     def inertial(self, columns: Sequence[int]) -> list[Sensitivity]:
         """Return the changes by inertial parameters, ten per body: -Y."""
-        middle, at = (self._regressor(where) for where in ("middle", "at"))
-        return [Sensitivity(-middle[:, i], -at[:, i]) for i in columns]
+        known = self._regressors
+        if not set(columns) <= known.keys():  # then of all: asked for once more, others will be
+            wanted = range(10 * (self.model.pin.njoints - 1)) if known else columns
+            both = (self._regressor(where, wanted) for where in ("middle", "at"))
+            known.update({i: Sensitivity(*x) for i, *x in zip(wanted, *both, strict=True)})
+        return [known[i] for i in columns]
 
-    def _regressor(self, where: str) -> np.ndarray:
-        """Return Y' (N, 10 bodies, nv) along the run; computed once."""
-        if where not in self._regressors:
-            states, data = self._states(where), self.model.pin.createData()
-            y = np.empty((len(states.time), 10 * (self.model.pin.njoints - 1), self.model.nv))
-            for k, (q, v, a) in enumerate(zip(states.q, states.v, states.a, strict=True)):
-                y[k] = pin.computeJointTorqueRegressor(self.model.pin, data, q, v, a).T
-            self._regressors[where] = y
-        return self._regressors[where]
+    def _regressor(self, where: str, columns: Sequence[int]) -> np.ndarray:
+        """Return columns of -Y' along the run (k, N, nv)."""
+        states, data, some = self._states(where), self.model.pin.createData(), np.array(columns)
+        y = np.empty((len(some), len(states.time), self.model.nv))
+        for k, (q, v, a) in enumerate(zip(states.q, states.v, states.a, strict=True)):
+            np.negative(pin.computeJointTorqueRegressor(self.model.pin, data, q, v, a).T[some], out=y[:, k])
+        return y
 
     def _states(self, where: str) -> States:
         return self.run.middle if where == "middle" else self.run.states
