@@ -430,9 +430,12 @@ class State:
         return sorted((*scores, *refused), key=self._worth, reverse=True)
 
 
-def _told(causes: Sequence[Cause], found: MapFit) -> list[float]:
-    """Return how many standard deviations, in squares, each cause is from doing nothing at a fit."""
-    return [distance(found, c.score.candidate) for c in causes]
+def _told(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:
+    """Return how many standard deviations, in squares, each cause but those at a place is from doing nothing
+    at a fit.
+    """
+    own = (c.score.candidate for c in causes)
+    return [distance(found, c) for c in own if not is_at(c.location, place)]
 
 
 def squared_distance(run: FilterRun, other: FilterRun) -> float:

@@ -180,13 +180,17 @@ def _suspect(given: Point, whole: Problem, first_run: FilterRun | None) -> Chann
 
 
 def refit_noise(
-    found: InflatedFit, *, strong: bool = False, told: Callable[[MapFit], Sequence[float]] = lambda found: ()
+    found: InflatedFit,
+    *,
+    strong: bool = False,
+    told: Callable[[MapFit, str], Sequence[float]] = lambda found, place: (),
 ) -> InflatedFit:
     """Return a fit with its noise levels found again, where misfit was counted in them or may have been.
 
     ``strong``: a cause was found since that the levels may have had a part of. A structure is taken as
     unknown only where that tells causes at least as well as misfit that is counted does: what acts on the
-    bus, as its wrench does, it hides. ``told`` is how well a fit tells each of them.
+    bus, as its wrench does, it hides. ``told`` is how well a fit tells each of them but those at a place: of
+    itself, what is unknown tells nothing.
     """
     if not found.misfit:
         return _with_noise(found) if strong else found
@@ -196,8 +200,8 @@ def refit_noise(
     counted, rest = with_misfit(found), but_for_a_structure(found) if found.local else None
     if rest is None or not counted.misfit:
         return counted
-    better = all(a >= b for a, b in zip(told(rest.fit), told(counted.fit), strict=True))
-    return rest if better else counted
+    as_well = zip(*(told(f.fit, rest.unknown) for f in (rest, counted)), strict=True)
+    return rest if all(a >= b for a, b in as_well) else counted
 
 
 def but_for_a_structure(

@@ -215,7 +215,8 @@ def test_a_structure_is_unknown_only_where_that_tells_causes_as_well(known, soft
     first = InflatedFit(strayed, np.ones(softer.data.rows), misfit=True)
     for better in (True, False):
 
-        def told(found, better=better):
+        def told(found, place, better=better):
+            assert place == "panel"
             return [1.0 if found.problem.noise.more else 1.0 - better + 2.0 * (not better)]
 
         found = refit_noise(first, told=told)
