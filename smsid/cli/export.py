@@ -108,9 +108,9 @@ def _write_folder(
         found = export_folder(described, output, known, mujoco=mujoco)
     document["notes"] += found.notes
     if found.bodies is not None and found.bodies.combinations:
-        document |= {"combinations": found.bodies.combinations, "misfit": found.bodies.misfit}
+        document |= {"combinations": len(found.bodies.combinations), "misfit": found.bodies.misfit}
         say(
-            f"bodies agree with {found.bodies.combinations} identified combinations to "
+            f"bodies agree with {len(found.bodies.combinations)} identified combinations to "
             f"{found.bodies.misfit:.2f} standard deviations (root mean square)"
         )
     for note in dict.fromkeys(found.notes):

@@ -1,11 +1,9 @@
 """The spacecraft with an estimate's values in it: what the controller's model is built from.
 
-It is the H_hat and c_hat of (43). Slosh and appendages take the estimate's values by name. Exp. 2 does not
-give each body's inertia but combinations, ``link2.mx + 2 link3.m = ...``, which with the total mass are all
-that the motion depends on: the bodies taken are those nearest to the description that have them, each weighed
-by its standard deviation against 50 % of the body's size, and ones that can exist. Two descriptions that
-differ in what the data do not see so give the same controller. (Combinations are read from their names; their
-factors have four digits there.)
+It is the H_hat and c_hat of (43). Slosh and appendages take the estimate's values by name; bodies are those
+of an export (`smsid.estimation.bodies`): of all that have the estimate's combinations the nearest to the
+description, and ones that can exist. Two descriptions that differ in what the data do not see so give the
+same controller.
 """
 
 from __future__ import annotations
@@ -21,20 +19,22 @@ from smsid._short_repr import short_repr
 from smsid.control.reduced import ReducedDynamics
 from smsid.description.schema import Description
 from smsid.errors import ControlError
-from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate, ParameterEstimate
-from smsid.identify.momentum_rows import carried_matrix
-from smsid.identify.parameter_estimate import parse_combination
-from smsid.likelihood.consistent import consistent_inertias
-from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.prior import CAD
+from smsid.estimation.bodies import (
+    identified_bodies,
+    inertial_equations,
+    left_note,
+    linear_terms,
+    urdf_bodies,
+    with_estimate,
+)
+from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate
+from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.pseudo_inertia import SIZE
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
 logger = logging.getLogger(__name__)
-SHARPEST = 1e-4
-"""Smallest standard deviation, relative to the body's size, that a combination is weighed with: rounding."""
 
 
 @short_repr
@@ -43,10 +43,10 @@ class IdentifiedModel:
     """``model``: the spacecraft as identified, slosh and appendages included.
 
     ``applied`` names the estimate's parameters in it, ``left`` those that stay as described because the data
-    do not hold them; ``misfit`` is the largest deviation of an inertial combination from its estimate, in
-    standard deviations (bodies that can exist may not meet all of them). ``directions`` (k, 10 bodies) say by
-    how much the inertial parameters of all bodies, ordered as `Regressor.names`, move for one standard
-    deviation of each combination in ``direction_names``.
+    do not hold them; ``misfit`` is the root mean square deviation of inertial combinations from their
+    estimates, in standard deviations (bodies that can exist may not meet all of them). ``directions``
+    (k, 10 bodies) say by how much the inertial parameters of all bodies, ordered as `Regressor.names`, move
+    for one standard deviation of each combination in ``direction_names``.
     """
 
     model: SpacecraftModel
@@ -76,38 +76,61 @@ def identified_model(description: Description, estimate: Estimate) -> Identified
 
     Raises:
         ControlError: the estimate is of another spacecraft, or holds no inertial parameters.
-        DescriptionError: a spacecraft whose parameters are no vector (welded, or without inertia).
+        DescriptionError: as `with_estimate` and `identified_bodies`.
     """
     if estimate.description != description.name:
         raise ControlError(
             f"The estimate is of '{estimate.description}', the description of '{description.name}'.",
             advice="Give the description that was identified.",
         )
-    described = Parameters.of(build_model(description))
-    at, applied, left = _with_effects(described, estimate)
-    regressor = Regressor(at.layout.model)
-    rows, found = combinations(estimate, regressor.names)
-    if not found:
+    with_effects, notes = with_estimate(description, estimate)
+    model = build_model(with_effects)
+    _, _, _, told = inertial_equations(model, estimate)
+    if set(told) <= {"total.mass"}:
         raise ControlError(
             f"The estimate of '{estimate.description}' holds no inertial parameters of Exp. 2.",
             advice="Identify with a recording of Exp. 2.",
             groups=sorted({p.group for p in estimate.parameters}),
         )
-    at, misfit, directions, names = _with_inertias(at, described, regressor, rows, found, estimate)
-    applied += [p.name for p in found]
-    model = build_model(at.description())
+    bodies, urdf = identified_bodies(model, estimate), urdf_bodies(with_effects)
     changed = model.pin.copy()
-    for joint, inertia in enumerate(at.pin_model().inertias):
-        changed.inertias[joint] = inertia
+    for name, theta in bodies.parameters.items():
+        joint = changed.getJointId(name)
+        if joint < changed.njoints:
+            own = changed.inertias[joint].toDynamicParameters() + theta - urdf[name]
+            changed.inertias[joint] = pin.Inertia.FromDynamicParameters(own)
+    names, own_terms = set(Regressor(model).names), linear_terms(estimate, whole_bodies(model)[:10])
+    untold = [
+        p.name
+        for p in estimate.parameters
+        if p.group not in BY_PRODUCT_GROUPS and np.isfinite(p.value) and not np.isfinite(p.sigma)
+        if p.name in own_terms and set(own_terms[p.name][0]) <= names
+    ]
+    known = _effect_names(description)
+    left = [p.name for p in estimate.parameters if left_note(p.name) in notes]
+    applied = [p.name for p in estimate.parameters if p.name in known and p.name not in left]
+    applied += [name for name in told if name != "total.mass"]
     logger.info("the controller's model: %d parameters identified, left: %s", len(applied), left or "none")
     return IdentifiedModel(
         replace(model, pin=changed, data=changed.createData()),
         tuple(applied),
         tuple(left),
-        misfit,
-        directions,
-        names,
+        bodies.misfit,
+        np.vstack([bodies.directions, np.zeros((len(untold), bodies.directions.shape[1]))]),
+        (*bodies.combinations, *untold),
     )
+
+
+def _effect_names(description: Description) -> set[str]:
+    """Return the names that estimates have for parameters of effects."""
+    names: set[str] = set()
+    for effect in description.effect:
+        names |= {p.name for p in effect.parameters()}
+        if (panel := effect.as_appendage()) is not None:
+            names |= {panel.mass_parameter().name, f"{effect.name}.participation_factor"}
+            for k, _ in enumerate(panel.described_modes(description.effect), start=1):
+                names |= {f"{effect.name}.mode{k}.{field}" for field in ("frequency", "damping")}
+    return names
 
 
 def identified_level(
@@ -154,83 +177,3 @@ def identified_level(
 def inertia_at(dynamics: ReducedDynamics, angles: np.ndarray) -> np.ndarray:
     """Return H (3 + n, 3 + n) of (40) in body axes with the arm joints at ``angles`` (n,) [rad]."""
     return dynamics.body_terms(np.zeros(3), angles, np.zeros(len(angles))).inertia
-
-
-def combinations(
-    estimate: Estimate, names: tuple[str, ...]
-) -> tuple[np.ndarray, tuple[ParameterEstimate, ...]]:
-    """Return the matrix (k, names) of an estimate's inertial combinations, and the parameters themselves."""
-    index = {name: k for k, name in enumerate(names)}
-    rows, found = [], []
-    for p in estimate.parameters:
-        if p.group in BY_PRODUCT_GROUPS or not np.isfinite(p.value):
-            continue
-        terms = parse_combination(p.name)
-        if terms and all(name in index for name in terms):
-            row = np.zeros(len(names))
-            for name, factor in terms.items():
-                row[index[name]] = factor
-            rows.append(row)
-            found.append(p)
-    return np.array(rows).reshape(-1, len(names)), tuple(found)
-
-
-def _with_effects(described: Parameters, estimate: Estimate) -> tuple[Parameters, list[str], list[str]]:
-    """Put slosh, densities and modes by name; what is not identifiable stays as described."""
-    known = {s.name: s for s in described.scalars}
-    for joints in described.layout.model.appendages:
-        part = joints.appendage
-        for name in (part.mass_parameter().name, f"{part.name}.participation_factor"):
-            known[name] = known[f"{part.name}.density_factor"]
-    heavy = [a.appendage.mass_parameter() for a in described.layout.model.appendages]
-    sizes = {p.name: p.value for p in heavy}
-    values: dict[str, float] = {}
-    applied, left = [], []
-    for p in estimate.parameters:
-        if p.name not in known or p.group in BY_PRODUCT_GROUPS:
-            continue
-        scalar = known[p.name]
-        value = p.value / sizes.get(p.name, 1.0)
-        if p.status != "identifiable" or (scalar.log and value <= 0.0):
-            left.append(p.name)
-            continue
-        values[scalar.name] = value
-        applied.append(p.name)
-    return described.with_scalars(values), applied, left
-
-
-def _with_inertias(
-    at: Parameters,
-    described: Parameters,
-    regressor: Regressor,
-    combined: np.ndarray,
-    found: tuple[ParameterEstimate, ...],
-    estimate: Estimate,
-) -> tuple[Parameters, float, np.ndarray, tuple[str, ...]]:
-    n = at.inertias.size
-    theta, jacobian = at.theta(), at.theta_jacobian()[:, :n]
-    matrix = combined @ (np.eye(len(theta)) + carried_matrix(at.layout.model, regressor))
-    values = np.array([p.value for p in found])
-    sigma = np.array([p.sigma for p in found])
-    names = [p.name for p in found]
-    if "total.mass" in estimate and np.isfinite(estimate["total.mass"].value):
-        total = np.zeros(len(theta))
-        total[::SIZE] = 1.0
-        matrix = np.vstack([matrix, total])
-        values = np.append(values, estimate["total.mass"].value)
-        sigma = np.append(sigma, estimate["total.mass"].sigma)
-        names.append("total.mass")
-    own = matrix @ jacobian
-    known = np.isfinite(sigma) & (sigma > 0.0)
-    weight = 1.0 / np.maximum(np.where(known, sigma, 0.0), SHARPEST * np.abs(own).max(axis=1))
-    rows = np.vstack([np.eye(n) / CAD, weight[:, None] * own])
-    rhs = np.concatenate([np.zeros(n), weight * (values - matrix @ theta)])
-    step = np.zeros(at.size)
-    step[:n] = np.linalg.lstsq(rows, rhs, rcond=None)[0]
-    moved = at.moved(step)
-    covariance = np.linalg.inv(rows.T @ rows)
-    moved = moved.with_inertias(consistent_inertias(moved, described, covariance))
-    misfit = float(np.abs(weight * (values - matrix @ moved.theta())).max(initial=0.0))
-    gain = covariance @ (weight[:, None] * own).T  # of the step, by what each estimate is off in sigmas
-    directions = np.where(known, weight * sigma, 0.0)[:, None] * (jacobian @ gain).T
-    return moved, misfit, directions, tuple(names)

@@ -14,9 +14,9 @@ from smsid.diagnose.stepwise import Search
 from smsid.effects import BodyError
 from smsid.effects.base import Effect
 from smsid.errors import DescriptionError, SmsidError
+from smsid.estimation.bodies import urdf_bodies
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.parameter_vector import Point
-from smsid.export.bodies import urdf_bodies
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.parameters import body_size
 from smsid.likelihood.pseudo_inertia import SIZE

@@ -10,9 +10,16 @@ import numpy as np
 from smsid.description.schema import Description
 from smsid.effects.base import Effect, Parameter
 from smsid.errors import SmsidError
+from smsid.estimation.bodies import (
+    GROUPS,
+    ROUNDED,
+    identified_bodies,
+    linear_terms,
+    urdf_bodies,
+    with_estimate,
+)
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
 from smsid.estimation.unknowns import moving_bodies, sensor_unknowns
-from smsid.export.bodies import GROUPS, ROUNDED, identified_bodies, linear_terms, urdf_bodies, with_estimate
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.parameters import body_size

@@ -1,7 +1,7 @@
 """An identified spacecraft or arm for other programs: URDF, TOML, CSV, MuJoCo XML, linear plant, FMU."""
 
 from smsid._callable import make_callable
-from smsid.export.bodies import with_estimate
+from smsid.estimation.bodies import with_estimate
 from smsid.export.folder import Export, export_folder
 from smsid.export.linear_plant import linear_plant
 from smsid.export.mjcf import write_mjcf

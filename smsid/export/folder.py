@@ -22,7 +22,7 @@ from smsid.description.urdf_check import read_urdf
 from smsid.description.urdf_writing import inertial_tag
 from smsid.effects.assembly import find_frame
 from smsid.errors import OutputError
-from smsid.export.bodies import IdentifiedBodies, identified_bodies, with_estimate
+from smsid.estimation.bodies import IdentifiedBodies, identified_bodies, with_estimate
 from smsid.export.mjcf import counterparts, write_mjcf
 from smsid.identify.estimate import Estimate
 from smsid.model import SpacecraftModel, build_model

@@ -10,8 +10,8 @@ from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, DiagnosisRun
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import FoundCause, Value
+from smsid.estimation.bodies import urdf_bodies
 from smsid.estimation.parameter_vector import Point
-from smsid.export.bodies import urdf_bodies
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for
 from smsid.identify.parameter_estimate import parse_combination

@@ -11,9 +11,9 @@ import numpy as np
 from smsid.description.schema import Description
 from smsid.errors import DescriptionError, EstimateError
 from smsid.estimation.bias_walk import walk_rate
+from smsid.estimation.bodies import linear_terms
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.unknowns import BIAS, MOST, STEP, sensor_unknowns, unknowns_of
-from smsid.export.bodies import linear_terms
 from smsid.identify.estimate import Estimate
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.prior import Cad

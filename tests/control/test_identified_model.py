@@ -8,21 +8,18 @@ import numpy as np
 import pytest
 from control_cases import URDF, paper
 
-from smsid.control.identified_model import (
-    combinations,
-    identified_level,
-    identified_model,
-    inertia_at,
-)
+from smsid.control.identified_model import identified_level, identified_model, inertia_at
 from smsid.control.reduced import ReducedDynamics
 from smsid.description import load_description
 from smsid.effects.appendage import BeamAppendage
 from smsid.effects.slosh import Slosh
 from smsid.errors import ControlError
+from smsid.estimation.bodies import identified_bodies, inertial_equations, with_estimate
 from smsid.identify.estimate import Estimate, classify
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.identify.parameter_estimate import parse_combination
-from smsid.model.regressor import Regressor
+from smsid.model import build_model
+from smsid.model.regressor import Regressor, body_names
 
 ARM = [np.array(x) for x in ([0.4, -0.6, 0.9], [0.0, 0.0, 0.0], [1.2, 0.7, -1.5])]
 COMBINATIONS = """bus.mx - link1.m - link2.m - link3.m
@@ -139,20 +136,33 @@ def test_bias_of_the_controller_s_model_is_the_true_one_too(tmp_path):
 
 
 def test_names_are_read_as_they_are_written():
-    names = ("a.m", "b.mx", "b.Ixx")
-    others = ("tank.mass", "(a.m)*(a.m)/m_s", "a.m + c.m", "step A: b.mx", "")
-    listed = [classify(n, 1.0, "1", 0.1, "exp2.step_b") for n in ("a.m - 1.5 b.mx + 2e-05 b.Ixx", *others)]
-    rows, found = combinations(Estimate("x", "paper", tuple(listed)), names)
-    np.testing.assert_array_equal(rows, [[1.0, -1.5, 2e-5]])
-    assert found == (listed[0],)
+    others = ("tank.mass", "(link1.m)*(link1.m)/m_s", "link1.m + c.m", "step A: link2.mx", "")
+    read = "link1.m - 1.5 link2.mx + 2e-05 link3.Ixx"
+    listed = [classify(n, 1.0, "1", 0.1, "exp2.step_b") for n in (read, *others)]
+    rows, _, _, names = inertial_equations(paper(), Estimate("x", "paper", tuple(listed)))
+    found = dict(zip(Regressor(paper()).names, rows[0], strict=True))
+    assert {n: x for n, x in found.items() if x} == {"link1.m": 1.0, "link2.mx": -1.5, "link3.Ixx": 2e-5}
+    assert names == (read,)
 
 
 def test_combinations_leave_out_other_views_of_the_same():
     p = classify("step A: link3.mx", 50.0, "kg m", 0.1, "exp2.step_a")
     q = classify("link3.mx", 50.0, "kg m", 0.1, "exp2.step_b")
     r = classify("as printed: link3.mx", 40.0, "kg m", 0.1, "exp2.step_b_printed")
-    rows, found = combinations(Estimate("x", "paper", (p, q, r)), ("link3.mx",))
-    assert found == (q,) and rows.shape == (1, 1)
+    rows, _, _, names = inertial_equations(paper(), Estimate("x", "paper", (p, q, r)))
+    assert names == ("link3.mx",) and np.count_nonzero(rows) == 1
+
+
+def test_an_export_has_the_bodies_of_the_controller(tmp_path):
+    """They were found in two ways, and differed where the data leave bodies open."""
+    description = wrong_description(tmp_path)
+    found = identified_model(description, true_estimate()).model
+    whole = build_model(with_estimate(description, true_estimate())[0])
+    bodies = identified_bodies(whole, true_estimate()).parameters
+    for name in ("link1", "link2", "link3"):
+        (joint,) = (j for j in bodies if body_names(found.pin)[found.pin.getJointId(j) - 1] == name)
+        own = found.pin.inertias[found.pin.getJointId(joint)].toDynamicParameters()
+        np.testing.assert_allclose(own, bodies[joint], rtol=1e-9, atol=1e-12)
 
 
 def test_the_level_follows_the_intervals():

@@ -6,7 +6,7 @@ import pytest
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
 from smsid.effects import BeamAppendage, GeometricStiffness
-from smsid.export.bodies import with_estimate
+from smsid.estimation.bodies import with_estimate
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.model import build_model
 

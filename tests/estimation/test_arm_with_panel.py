@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from smsid.description import load_description
+from smsid.estimation.bodies import parse_combination
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.inertial_combinations import whole_bodies
-from smsid.export.bodies import parse_combination
 from smsid.model import build_model
 from smsid.model.regressor import INERTIAL_NAMES, body_names
 from tests.hidden.description import write_description

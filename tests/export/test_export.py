@@ -15,8 +15,8 @@ from smsid.description import Arm, Description, Mount, load_description
 from smsid.description.robots import robot_urdf
 from smsid.effects import JointFriction
 from smsid.errors import MissingDependencyError, SmsidError
+from smsid.estimation.bodies import parse_combination, urdf_bodies
 from smsid.export import export_folder
-from smsid.export.bodies import parse_combination, urdf_bodies
 from smsid.identify.estimate import Estimate, classify, save_estimate
 from smsid.identify.momentum_rows import carried_by_bus
 from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from smsid.estimation.bodies import linear_terms
 from smsid.estimation.inertial_combinations import about_centre
-from smsid.export.bodies import linear_terms
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.model.regressor import INERTIAL_NAMES
 

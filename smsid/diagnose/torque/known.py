@@ -11,7 +11,7 @@ from smsid.diagnose.extended_description import body_errors
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.diagnose.torque.fit import Prior, TorqueFit, effects_of
 from smsid.errors import SmsidError
-from smsid.export.bodies import identified_bodies, urdf_bodies
+from smsid.estimation.bodies import identified_bodies, urdf_bodies
 from smsid.identify.estimate import Estimate, classify
 from smsid.model import build_model
 from smsid.model.regressor import Regressor

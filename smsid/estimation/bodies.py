@@ -23,7 +23,7 @@ from smsid.effects.appendage import Appendage, ModalAppendage
 from smsid.effects.inertial_parameters import matrix_to_parameters, pseudo_inertia
 from smsid.errors import DescriptionError
 from smsid.identify.appendages import as_described
-from smsid.identify.estimate import Estimate
+from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.identify.parameter_estimate import parse_combination
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_of, step_factor
@@ -40,6 +40,9 @@ PULL = 1.0
 ROUNDED = 5e-5
 """Combinations are named with factors of four digits."""
 
+SMALL = 1e-4
+"""Of differences by a body's coordinates."""
+
 THINNEST = 1e-3
 """Smallest second moment a start may have, relative to the largest."""
 
@@ -51,14 +54,17 @@ _CENTRAL = re.compile(r"(?P<body>.+)\.(?:c(?P<axis>[xyz])|Ic(?P<i>[xyz])(?P<j>[x
 class IdentifiedBodies:
     """Inertial parameters (10,) by joint, in the joint's frame, of what the URDFs hold.
 
-    ``misfit`` is the root mean square error of the combinations in standard deviations, ``combinations`` how
-    many there were, ``notes`` what was left as it was.
+    ``misfit`` is the root mean square error of the ``combinations`` that there were, by name, in standard
+    deviations, ``notes`` say what was left as it was. ``directions`` (k, 10 bodies) are by how much the
+    parameters of all bodies of the model, ordered as `Regressor.names`, move for one standard deviation of
+    each combination.
     """
 
     parameters: dict[str, np.ndarray]
     misfit: float
-    combinations: int
+    combinations: tuple[str, ...]
     notes: tuple[str, ...]
+    directions: np.ndarray
 
 
 def linear_terms(estimate: Estimate, described: np.ndarray) -> dict[str, tuple[dict[str, float], float]]:
@@ -122,10 +128,11 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
     free = {name: theta for name, theta in own.items() if theta[0] > 0.0 and name in joints}  # none held
     starts = {name: factor(_with_extent(theta)) for name, theta in free.items()}
     notes = [f"'{n}' has no mass in the URDF and none in the export" for n in own if not own[n][0] > 0.0]
-    rows, target, sigma = _equations(model, estimate)
+    rows, target, sigma, told = inertial_equations(model, estimate)
     of_effects = {p.name for e in model.description.effect for p in e.parameters()}
     if not len(target) and all(p.name in of_effects for p in estimate.parameters):
-        return IdentifiedBodies(own, 0.0, 0, (*notes, "no body was estimated: they stay as described"))
+        notes.append("no body was estimated: they stay as described")
+        return IdentifiedBodies(own, 0.0, (), tuple(notes), rows)
     if not len(target):
         raise DescriptionError(
             f"The estimate '{estimate.description}' has no inertial combination of "
@@ -156,11 +163,23 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
         )
     found = {n: parameters_of(f) for n, f in bodies(result.x).items()}
     misfit = float(np.sqrt(np.mean(errors(result.x)[: len(fixed)] ** 2)))
-    return IdentifiedBodies({**own, **found}, misfit, len(fixed), tuple(notes))
+    moved = np.linalg.solve(result.jac.T @ result.jac, result.jac[: len(fixed)].T)  # for a sigma of each
+    directions = np.zeros_like(rows)
+    for k, n in enumerate(names):
+        at[n] = step_factor(at[n], result.x[SIZE * k : SIZE * (k + 1)])
+        ends = [[parameters_of(step_factor(at[n], x)) for x in s * SMALL * np.eye(SIZE)] for s in (1.0, -1.0)]
+        slope = (np.array(ends[0]) - ends[1]) / (2.0 * SMALL)
+        own_columns = slice(SIZE * joints[n], SIZE * (joints[n] + 1))
+        directions[:, own_columns] = moved[SIZE * k : SIZE * (k + 1)].T @ slope
+    return IdentifiedBodies({**own, **found}, misfit, told, tuple(notes), directions)
 
 
-def _equations(model: SpacecraftModel, estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows on all bodies (n, 10 bodies), what they are to change by (n,), and standard deviations (n,)."""
+def inertial_equations(
+    model: SpacecraftModel, estimate: Estimate
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return what an estimate says of bodies: rows on all of the model's (n, 10 bodies), what they are to
+    change by (n,), standard deviations (n,), and names.
+    """
     regressor = Regressor(model)
     place = {name: k for k, name in enumerate(regressor.names)}
     theta = regressor.parameters
@@ -169,11 +188,13 @@ def _equations(model: SpacecraftModel, estimate: Estimate) -> tuple[np.ndarray, 
     rows: list[np.ndarray] = []
     target: list[float] = []
     sigma: list[float] = []
+    names: list[str] = []
     known = linear_terms(estimate, whole[:10])
     for p in estimate.parameters:
         if not (np.isfinite(p.value) and np.isfinite(p.sigma) and p.sigma > 0.0):
             continue
-        terms, value = known.get(p.name, (None, p.value)) if p.group in GROUPS else (None, p.value)
+        told = p.name in known and p.group not in BY_PRODUCT_GROUPS
+        terms, value = known[p.name] if told else (None, p.value)
         values = whole
         if p.name == "total.mass":
             terms, values = {f"{body}.m": 1.0 for body in regressor.bodies}, theta
@@ -186,9 +207,10 @@ def _equations(model: SpacecraftModel, estimate: Estimate) -> tuple[np.ndarray, 
         beyond = sum(size * effects[n] for n, size in terms.items() if n not in place)
         scale = np.abs(row) @ np.abs(values)
         rows.append(row)
+        names.append(p.name)
         target.append(value - float(row @ values) - beyond)
         sigma.append(float(np.hypot(p.sigma, ROUNDED * scale if len(terms) > 1 else 0.0)))
-    return np.array(rows).reshape(-1, len(theta)), np.array(target), np.array(sigma)
+    return np.array(rows).reshape(-1, len(theta)), np.array(target), np.array(sigma), tuple(names)
 
 
 def _with_extent(theta: np.ndarray) -> np.ndarray:
@@ -238,6 +260,11 @@ def with_estimate(description: Description, estimate: Estimate) -> tuple[Descrip
     return as_described(description.with_effects(*effects), panels), notes
 
 
+def left_note(name: str) -> str:
+    """Return what is said of a parameter that an estimate does not tell."""
+    return f"{name} is not identifiable and stays as described"
+
+
 def _taken(name: str, described: float, estimate: Estimate, notes: list[str]) -> float | None:
     if name not in estimate:
         return None
@@ -245,7 +272,7 @@ def _taken(name: str, described: float, estimate: Estimate, notes: list[str]) ->
     low, high = found.interval
     # written so that what is not finite counts as within
     if found.status == "not_identifiable" and not (described < low or described > high):
-        notes.append(f"{name} is not identifiable and stays as described")
+        notes.append(left_note(name))
         return None
     return found.value
 
