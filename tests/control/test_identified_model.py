@@ -149,8 +149,9 @@ def test_combinations_leave_out_other_views_of_the_same():
     p = classify("step A: link3.mx", 50.0, "kg m", 0.1, "exp2.step_a")
     q = classify("link3.mx", 50.0, "kg m", 0.1, "exp2.step_b")
     r = classify("as printed: link3.mx", 40.0, "kg m", 0.1, "exp2.step_b_printed")
-    rows, _, _, names = inertial_equations(paper(), Estimate("x", "paper", (p, q, r)))
-    assert names == ("link3.mx",) and np.count_nonzero(rows) == 1
+    followed = classify("link2.mx", 50.0, "kg m", 0.1, "tracked")  # an estimate of `track`
+    rows, _, _, names = inertial_equations(paper(), Estimate("x", "paper", (p, q, r, followed)))
+    assert names == ("link3.mx", "link2.mx") and np.count_nonzero(rows) == 2
 
 
 def test_an_export_has_the_bodies_of_the_controller(tmp_path):
