@@ -32,10 +32,10 @@ def followed_torques(
     locked: np.ndarray,
     looks: CommandTiming,
 ) -> tuple[list[UnknownInput], CommandTiming]:
-    """Return the torques of degrees of freedom that are ``followed``, as lively as their motion says.
+    """Return the torques of degrees of freedom (k,) that are ``followed``, as lively as their motion says.
 
     Beside a recorded command, as lively as what all commands leave of the motion, of a craft of which nothing
-    but ``locked`` degrees of freedom is held. Also how commands act between samples: as it ``looks`` unless
+    but ``locked`` degrees of freedom (j,) is held. Also how commands act between samples: as it ``looks`` unless
     these readings clearly say else, of which the filter's likelihood holds nothing.
     """
     times, inputs = data.times, input_channels(model, recording)
