@@ -35,8 +35,8 @@ def followed_torques(
     """Return the torques of degrees of freedom (k,) that are ``followed``, as lively as their motion says.
 
     Beside a recorded command, as lively as what all commands leave of the motion, of a craft of which nothing
-    but ``locked`` degrees of freedom (j,) is held. Also how commands act between samples: as it ``looks`` unless
-    these readings clearly say else, of which the filter's likelihood holds nothing.
+    but ``locked`` degrees of freedom (j,) is held. Also how commands act between samples: as it ``looks``
+    unless these readings clearly say else, of which the filter's likelihood holds nothing.
     """
     times, inputs = data.times, input_channels(model, recording)
     mass = np.diag(pin.crba(model.pin, model.pin.createData(), model.home))
