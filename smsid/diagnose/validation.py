@@ -111,8 +111,9 @@ def gain(
         noise = float(np.sqrt(np.mean(data.sigma[block.rows] ** 2)))
         unit = recording.unit(block.channel)
         channels.append(ChannelGain(block.channel, unit, given_, extended_, noise, nominal_))
+    own, (left, refitted, best), (more, fewer, least) = tuple(channels), rms, excess
     left_out = samples[0] - samples[2]
-    return Gain(recording.name, samples[0], *rms, *excess, tuple(channels), left_out)
+    return Gain(recording.name, samples[0], left, refitted, best, more, fewer, least, own, left_out)
 
 
 def read_like(
