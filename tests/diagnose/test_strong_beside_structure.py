@@ -114,4 +114,5 @@ def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch)
     for name, value in begun.items():
         monkeypatch.setattr(stepwise, name, lambda *_, value=value: value)
     stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ())
-    assert steps == ["forward_step", "close", "prune", "restore", "forward_step", "close", "prune"]
+    asked = [step for step in steps if step != "forget_columns"]
+    assert asked == ["forward_step", "close", "prune", "restore", "forward_step", "close", "prune"]
