@@ -64,6 +64,34 @@ def test_a_tight_prior_leaves_what_it_forbids():
     assert abs(found.estimate[0] - 0.02) < 5.0 / np.sqrt(400)
 
 
+@pytest.mark.parametrize("share", [1.0, 1e-3, 1e-7])
+def test_products_are_those_of_what_is_left(share):
+    """Of single columns, and of two of which a combination is nearly what the fitted parameters do."""
+    rng = np.random.default_rng(5)
+    fit = stub(rng, 400, 3, np.array([1e3, 1.0, 0.1]))
+    within, other = fit.whitened[:, 0, 1] + share * rng.standard_normal(400), rng.standard_normal(400)
+    groups = [rng.standard_normal((400, 2)), within[:, None], np.column_stack([other, other + within])]
+    for columns, own in zip(groups, MapFit.projected(fit, groups), strict=True):
+        left = own.left
+        np.testing.assert_allclose(left, _left(fit, columns), atol=1e-12)
+        np.testing.assert_allclose(own.raw, (columns**2).sum(axis=0))
+        size, values = least_squares_shares(own.gram, own.raw), least_squares_shares(left.T @ left, own.raw)
+        np.testing.assert_allclose(size, values, rtol=1e-6)
+        np.testing.assert_allclose(own.slope, left.T @ fit.residual, rtol=1e-6, atol=1e-9)
+
+
+def _left(fit, columns):
+    """What the fitted parameters leave, by least squares."""
+    padded = np.vstack([columns, np.zeros((len(fit.residual) - len(columns), columns.shape[1]))])
+    whole = np.vstack([fit.whitened[:, 0], fit.prior.rows])
+    return padded - whole @ np.linalg.lstsq(whole, padded, rcond=None)[0]
+
+
+def least_squares_shares(gram, raw):
+    """The shares of information left of columns, ascending."""
+    return np.linalg.eigvalsh(gram / np.sqrt(np.outer(raw, raw)))
+
+
 def test_equal_candidates_are_fully_correlated():
     rng = np.random.default_rng(2)
     fit = stub(rng, 80, 2, np.ones(2))
