@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.special import chdtrc
 
-from smsid.estimation.normal_equations import BLOCKS, InnovationSums, NormalEquations
 from smsid.estimation.prior_conflict import PriorConflict, prior_conflict
 
 if TYPE_CHECKING:
+    from smsid.estimation.normal_equations import InnovationSums, NormalEquations
     from smsid.estimation.scale_conflict import ScaleConflict
 
 LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
@@ -162,17 +162,9 @@ def _dispersion(found: NormalEquations) -> float:
     told = size > 1e-9 * size[-1]
     root = basis[:, told] / np.sqrt(size[told])
     shares = np.einsum("ij,ik,kj->j", root, scatter / _norm(information), root)
-    count = max(1, BLOCKS * len(found.terms) * int(told.sum()))
-    mean, excess = float(np.mean(shares)), max(_excess(t.innovations) for t in found.terms)
+    count = max(1, sum(t.innovations.parts for t in found.terms) * int(told.sum()))
+    mean, excess = float(np.mean(shares)), max(t.innovations.excess for t in found.terms)
     return float(np.sqrt(mean)) if mean > 1.0 + 4.0 * np.sqrt((2.0 + excess) / count) else 1.0
-
-
-def _excess(sums: InnovationSums) -> float:
-    """Return the excess kurtosis of a part's slope: the innovations' largest over how many a part has."""
-    read = sums.squares > 0.0
-    kurtosis = sums.fourths[read] * sums.count[read] / sums.squares[read] ** 2
-    each = np.maximum(1.0, sums.count[read] / BLOCKS)
-    return float(np.max((kurtosis - 3.0) / each, initial=0.0))
 
 
 def _norm(information: np.ndarray) -> np.ndarray:

@@ -36,6 +36,15 @@ class InnovationSums:
     fourths: np.ndarray
     products: np.ndarray
     pairs: np.ndarray
+    parts: int = BLOCKS
+
+    @property
+    def excess(self) -> float:
+        """Excess kurtosis of the slope of a part: that of innovations, the largest, over how many it has."""
+        read = self.squares > 0.0
+        kurtosis = self.fourths[read] * self.count[read] / self.squares[read] ** 2
+        each = np.maximum(1.0, self.count[read] / self.parts)
+        return float(np.max((kurtosis - 3.0) / each, initial=0.0))
 
 
 @dataclass(frozen=True)
