@@ -15,7 +15,7 @@ from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
 from smsid.estimation.inertial_combinations import reported_parameters
-from smsid.estimation.loosening import FIRST, likeliest_share, loosen_model, thinned
+from smsid.estimation.loosening import FIRST, STEP, likeliest_share, loosen_model, thinned
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import NormalEquations, log_likelihood_of
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -26,6 +26,7 @@ from smsid.likelihood.search import GROSS
 
 LOGGER = logging.getLogger(__name__)
 NEAR = 4.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
+LITTLE = 1e-3  # share by which a model errs from where on a strict search is near enough
 ASTRAY = 0.03  # share of what drives the motion, by which a model errs at best that does not follow
 WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 
@@ -65,7 +66,7 @@ def _approached(
     """
     point, coarse = described, [thinned(f) for f in flights]
     fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
-    share, last = likeliest_share(point, coarse, FIRST), np.inf
+    share, last, astray = likeliest_share(point, coarse, FIRST), np.inf, 0.0
     while share < last and (share or fewer):
         if tell is not None:
             tell(f"search with a model that may err by {100 * share:.2g} % of what drives the motion")
@@ -77,6 +78,9 @@ def _approached(
                 for f, x in zip(coarse, loose, strict=True)
             ]
         last, share = share, likeliest_share(point, coarse, share) if share else 0.0
+        if share == last and share > LITTLE:  # all the way to a strict one would be a longer way still
+            share, astray = STEP * share, max(astray, share)
+    share = max(share, astray)
     flights = [as_commands_act(point, unknowns, f, False) for f in flights] if fewer else coarse
     return point, list(flights), share
 
