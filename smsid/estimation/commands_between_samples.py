@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.special import expit
@@ -13,6 +14,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.input_timing import BEHIND, FIRST, timings
+from smsid.estimation.loosening import MANY
 from smsid.estimation.normal_equations import NormalEquations, log_likelihood_of, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import CommandTiming
@@ -20,6 +22,7 @@ from smsid.estimation.trust_region import bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
+SHARE, FURTHEST = 1.0 / 3.0, 6  # of its walk that a torque is tried with next, and how often
 NEGLIGIBLE = 0.1  # of a standard deviation, by which all parameters may differ before it is worth a note
 
 
@@ -55,7 +58,7 @@ def _likelihoods(
     likely: dict[CommandTiming, float] = {}
     for timing in choices:
         try:
-            other = with_timing(flight, timing)
+            other = _with_likely_walks(point, with_timing(flight, timing))
             if at_rest:
                 here = normal_equations(point, unknowns, [other])
                 likely[timing] = predicted_gain(here, bounded_step(here)) + here.log_posterior
@@ -64,6 +67,39 @@ def _likelihoods(
         except SmsidError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
     return likely
+
+
+def likelihood_with_own_walks(point: Point, flights: Sequence[Flight]) -> float:
+    """Return the log-likelihood of flights whose commands act in some way, to be held against another way."""
+    return log_likelihood_of(point, [_with_likely_walks(point, f) for f in flights])
+
+
+def _with_likely_walks(point: Point, flight: Flight) -> Flight:
+    """Return the flight with torques that follow measured motion as lively as its first samples say.
+
+    What they wander is a wide guess, which an estimate bears. Between ways of commands it would decide:
+    the more of a torque's step is told by its mean, the less it costs that it could have been larger. A model
+    that may err (`loosen_model`) is another guess, beside which it tells nothing.
+    """
+    if flight.problem.noise.more or all(u.row < 0 for u in flight.problem.unknown_inputs):
+        return flight
+    data = flight.problem.data.first(MANY)
+
+    def wandering(factor: float) -> Flight:
+        walks = tuple(
+            replace(u, walk=u.walk * factor) if u.row >= 0 else u for u in flight.problem.unknown_inputs
+        )
+        return replace(flight, problem=replace(flight.problem, unknown_inputs=walks))
+
+    @cache
+    def likely(power: int) -> float:
+        some = wandering(SHARE**power)
+        return log_likelihood_of(point, [replace(some, problem=replace(some.problem, data=data))])
+
+    power, way = 0, 1 if likely(1) > likely(0) else -1
+    while abs(power) < FURTHEST and likely(power + way) > likely(power):
+        power += way
+    return wandering(SHARE**power)
 
 
 def with_timing(flight: Flight, timing: CommandTiming) -> Flight:

@@ -92,13 +92,13 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     drives, notes = _drives(point, recording, data, inputs, options)
     locked = np.array(sorted(v for v, how in drives.items() if how == "locked"), dtype=int)
     followed = [v for v, how in drives.items() if how == "measured"]
-    unknown, timing = followed_torques(model, recording, data, followed, locked, likely_timing(recording))
+    unknown = followed_torques(model, recording, data, followed)
     further, held = _disturbances(model, recording, data, inputs, options)
     problem = Problem(
         recording,
         data,
         locked,
-        timing,
+        likely_timing(recording),
         ProcessNoise(),
         substep=longest_substep(data),
         begin=initial_belief(model, data, locked, options.initial, reading_uncertainty(point, data)),

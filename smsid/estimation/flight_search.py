@@ -9,7 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.estimation.commands_between_samples import as_commands_act, with_timing
+from smsid.estimation.commands_between_samples import (
+    as_commands_act,
+    likelihood_with_own_walks,
+    with_timing,
+)
 from smsid.estimation.contradictions import contradicting, contradictions_of_separate
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
@@ -17,7 +21,7 @@ from smsid.estimation.flight import Flight
 from smsid.estimation.inertial_combinations import reported_parameters
 from smsid.estimation.loosening import FIRST, STEP, likeliest_share, loosen_model, thinned
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
-from smsid.estimation.normal_equations import NormalEquations, log_likelihood_of
+from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.trust_region import bounded_step, predicted_gain
@@ -95,7 +99,9 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     acting = [as_commands_act(found.point, unknowns, f, has_converged(found)) for f in flights]
     if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
         otherwise, more = maximise(found.point, unknowns, acting, tell=tell)
-        if log_likelihood_of(otherwise.point, acting) > log_likelihood_of(found.point, flights):
+        if likelihood_with_own_walks(otherwise.point, acting) > likelihood_with_own_walks(
+            found.point, flights
+        ):
             found, flights = otherwise, acting
             visited += more
     found, flights, more = finely_stepped(found, flights, tell)

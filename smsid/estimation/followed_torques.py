@@ -1,49 +1,33 @@
-"""Torques of joints and wheels that follow their measured motion: how far they wander beside commands."""
+"""Torques of joints and wheels that follow their measured motion: how far they wander."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
-from smsid.estimation.input_hold import Hold, commanded, input_channels, means, unevenness
-from smsid.estimation.input_timing import CLEARLY, timings
+from smsid.estimation.input_hold import input_channels
 from smsid.estimation.measurements import Measurements
-from smsid.estimation.problem import CommandTiming, UnknownInput
-from smsid.estimation.torque_walk import UNKNOWN, AccelerationWalk, acceleration_walks
-from smsid.inputs.signals import sample
+from smsid.estimation.problem import UnknownInput
+from smsid.estimation.torque_walk import UNKNOWN, acceleration_walks
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.simulate import Inputs
 
-LOGGER = logging.getLogger(__name__)
 LIVELY = 10.0  # times its likeliest walk that a torque has: too lively costs little, too smooth is wrong
 WINDOW = 0.5  # [s] of a reading whose polynomial gives its acceleration and jerk
 
 
 def followed_torques(
-    model: SpacecraftModel,
-    recording: Recording,
-    data: Measurements,
-    followed: Sequence[int],
-    locked: np.ndarray,
-    looks: CommandTiming,
-) -> tuple[list[UnknownInput], CommandTiming]:
+    model: SpacecraftModel, recording: Recording, data: Measurements, followed: Sequence[int]
+) -> list[UnknownInput]:
     """Return the torques of degrees of freedom (k,) that are ``followed``, as lively as their motion says.
 
-    Beside a recorded command, as lively as what all commands leave of the motion, of a craft of which nothing
-    but ``locked`` degrees of freedom (j,) is held. Also how commands act between samples: as it ``looks``
-    unless these readings clearly say else, of which the filter's likelihood holds nothing.
+    On top of a recorded command they are random walks, by guess.
     """
-    times, inputs = data.times, input_channels(model, recording)
+    found: list[UnknownInput] = []
+    inputs, times = input_channels(model, recording), data.times
     mass = np.diag(pin.crba(model.pin, model.pin.createData(), model.home))
-    holds: list[Hold] = list(dict.fromkeys((looks.hold, *(t.hold for t in timings(recording)))))
-    signals = [commanded(model, recording, h, required=False) for h in holds]
-    moved = [_moved(model, s, times, locked) for s in signals]
-    found: list[tuple[UnknownInput, list[AccelerationWalk]]] = []
     for group, torque, quantities in (
         (model.arm_joints, "joint_torque", ("joint_velocity", "joint_position")),
         (model.wheels, "wheel_torque", ("wheel_rate",)),
@@ -53,45 +37,25 @@ def followed_torques(
             continue
         block = next(b for q in quantities for b in data.blocks if b.quantity == q)
         integrations = 2 if block.quantity == "joint_position" else 1
-        readings, sigma = data.values[:, block.rows], data.sigma[block.rows]
-        size = mass[group.v] * _motion_scales(times, readings, integrations)[0]
-        left = [readings]
+        readings = data.values[:, block.rows]
+        acceleration, jerk = _motion_scales(times, readings, integrations)
+        size, slope = mass[group.v] * acceleration, np.zeros(len(group))
         if torque in inputs:
-            command = sample(getattr(signals[0], torque), times)
-            size = np.maximum(size, np.sqrt(np.nanmean(command**2, axis=0)))
-            left = [readings - by[integrations - 1][:, group.v] for by in moved]
-        walks = [
-            acceleration_walks(times, x, sigma, integrations, _motion_scales(times, x, integrations))
-            for x in left
-        ]
-        walks = walks if torque in inputs else walks * len(holds)
+            commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
+            size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
+            interval = float(np.median(np.diff(times[np.isfinite(readings).all(axis=1)])))
+            walk = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval)
+        else:
+            told = acceleration_walks(
+                times, readings, data.sigma[block.rows], integrations, (acceleration, jerk)
+            )
+            walk = LIVELY * mass[group.v] * [t.walk for t in told]
+            slope = mass[group.v] * [t.slope for t in told]
         for i in free:
-            own = int(group.v[i]), UNKNOWN * float(size[i]), float(mass[group.v[i]])
-            unknown = UnknownInput(*own, motor=torque in inputs, row=block.rows.start + i)
-            found.append((unknown, [w[i] for w in walks]))
-    likely = [sum(walks[k].log_likelihood for _, walks in found) for k in range(len(holds))]
-    LOGGER.info(
-        "by what is followed: %s", ", ".join(f"{h} {x:.1f}" for h, x in zip(holds, likely, strict=True))
-    )
-    best = int(np.argmax(likely)) if max(likely) > likely[0] + CLEARLY else 0
-    unknown = [
-        replace(u, walk=LIVELY * u.walk * walks[best].walk, slope=u.walk * walks[best].slope)
-        for u, walks in found
-    ]
-    return unknown, replace(looks, hold=holds[best])
-
-
-def _moved(model: SpacecraftModel, inputs: Inputs, times: np.ndarray, locked: np.ndarray) -> list[np.ndarray]:
-    """Return what commands change rates and angles by at ``times`` (N,) [s], (N, nv) each, near home."""
-    free = np.setdiff1d(np.arange(model.nv), locked)
-    upper = np.triu(pin.crba(model.pin, model.pin.createData(), model.home))
-    inverse = np.zeros((model.nv, model.nv))
-    inverse[np.ix_(free, free)] = np.linalg.inv((upper + np.triu(upper, 1).T)[np.ix_(free, free)])
-    signal, h = inputs.driven(model).applied(model), np.diff(times)[:, None]
-    mean, more = (x @ inverse for x in (means(signal, times), unevenness(signal, times)))
-    rates = np.cumsum(np.vstack([np.zeros(model.nv), h * mean]), axis=0)
-    steps = h * rates[:-1] + 0.5 * h**2 * mean + more
-    return [rates, np.cumsum(np.vstack([np.zeros(model.nv), steps]), axis=0)]
+            own = int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])
+            row = block.rows.start + i
+            found.append(UnknownInput(*own, motor=torque in inputs, row=row, slope=float(slope[i])))
+    return found
 
 
 def _motion_scales(times: np.ndarray, x: np.ndarray, integrations: int) -> tuple[np.ndarray, np.ndarray]:

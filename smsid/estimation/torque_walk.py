@@ -22,13 +22,10 @@ UNKNOWN = 3.0  # times its root mean square that an acceleration which is not kn
 class AccelerationWalk:
     """How the acceleration of a joint wanders: ``walk`` [rad/s^2/sqrt(s)] of itself, or [rad/s^3/sqrt(s)] of
     its rate, whose standard deviation at the start is ``slope`` [rad/s^3] then and zero else.
-
-    ``log_likelihood`` of the readings, without constants, compares what else may drive them.
     """
 
     walk: float
     slope: float
-    log_likelihood: float
 
 
 def acceleration_walks(
@@ -56,7 +53,7 @@ def acceleration_walks(
         found.append((guess * 10.0 ** (_peak(likely, best)), likely[best, np.arange(len(best))]))
     (plain, as_walk), (smooth, as_slope) = found
     return [
-        AccelerationWalk(*map(float, (s, UNKNOWN * j, b) if b > a else (p, 0.0, a)))
+        AccelerationWalk(float(s), float(UNKNOWN * j)) if b > a else AccelerationWalk(float(p), 0.0)
         for p, a, s, b, j in zip(plain, as_walk, smooth, as_slope, jerk, strict=True)
     ]
 

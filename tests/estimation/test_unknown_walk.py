@@ -12,10 +12,9 @@ from smsid.effects import SensorScale
 from smsid.estimation import kalman
 from smsid.estimation.differences import difference_equations
 from smsid.estimation.flight import flight_of
-from smsid.estimation.followed_torques import LIVELY
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.kalman import KalmanFilter
-from smsid.estimation.normal_equations import normal_equations
+from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, UnknownInput
 from smsid.estimation.smoother import predicted_covariances
@@ -155,27 +154,5 @@ def test_how_far_a_torque_may_wander_is_no_evidence_for_a_scale(tmp_path, monkey
         for u in flight.problem.unknown_inputs
     ]
     wider = replace(flight, problem=replace(flight.problem, unknown_inputs=tuple(wide)))
-    tilted = difference_equations(normal_equations(point, unknowns, [wider]), [wider])
-    assert abs(float((tilted.slope - exact.slope)[0])) / np.sqrt(found.gram[0, 0]) < 0.05
-    assert abs(tilted.objective - found.objective) < 1.0  # of 3 ln(3) for each of 601 samples
-
-
-@pytest.mark.parametrize("size", [1e-4, 1e-3])
-def test_what_a_recorded_command_leaves_wanders_as_far_as_readings_say(tmp_path, size):
-    """Beside the command it is what was drawn, not what the command itself does."""
-    step, rng = 0.02, np.random.default_rng(5)
-    more = np.cumsum(rng.normal(0.0, size * np.sqrt(step), (2000, 3)), axis=0)
-
-    def turned(t):
-        force, torque, wheels = turning(t)
-        return force, torque, wheels + more[round(t / step)]
-
-    truth = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
-    times, states, accelerations, inputs = truth.fly(39.0, turned, step)
-    flown = times, states, accelerations, inputs - np.pad(more[: len(times)], ((0, 0), (6, 0)))
-    recording = recorded(truth, flown, rng, every=1)
-    description = guess(tmp_path, truth, off=0.3, tank=False, panel=False)
-    found = flight_of(Point.of(description), recording, "turning").problem.unknown_inputs
-    assert all(u.slope == 0.0 for u in found)
-    walks = np.array([u.walk for u in found]) / LIVELY
-    np.testing.assert_allclose(walks, size, rtol=0.5)
+    gained = objective_of(point, unknowns, [wider]) - found.objective
+    assert abs(gained) < 0.5  # of 3 ln(3) a sample
