@@ -221,7 +221,7 @@ def eliminate_backward(
         return 0.5 * cause.score.sides * tried * max(whole, alone) > levels.candidate
 
     needed: list[Cause] = []
-    while causes:
+    while len(causes) > 1:
         doubted = [c for c in causes if doubtful(c) and not any(c is n for n in needed)]
         if not doubted:
             break

@@ -276,7 +276,8 @@ def changes_of(found: MapFit, candidate: Candidate) -> list[Sensitivity]:
     """
     if candidate.start is not None:
         return candidate.columns(found.changes, found.unknowns)
-    known, what = found.changes.by_candidate, (candidate.key, candidate.free)
+    # what is resolved at a value has the key of what it came from, and other columns
+    known, what = found.changes.by_candidate, (type(candidate), candidate.key, candidate.free)
     if what not in known:
         known[what] = candidate.columns(found.changes, found.unknowns)
     return known[what]

@@ -59,12 +59,6 @@ def test_one_without_which_the_recording_is_lost_stays(monkeypatch):
     assert left(monkeypatch, held=0.1, rest=None) == ["joint1", "joint2"]
 
 
-def test_a_single_one_is_asked_like_several(monkeypatch):
-    assert left(monkeypatch, held=0.1, rest=0.0, beside=()) == []
-    assert left(monkeypatch, held=1000.0, rest=3900.0, beside=()) == ["joint1"]
-    assert left(monkeypatch, held=0.1, rest=None, beside=()) == ["joint1"], "it is lost without"
-
-
 def test_one_whose_strength_goes_with_what_it_freed_stays_where_it_is_missed(monkeypatch):
     """The gap of a backlash and the torque of its crossing: only their product is known well."""
     assert left(monkeypatch, held=1000.0, rest=3900.0) == ["joint1", "joint2"]
