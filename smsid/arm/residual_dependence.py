@@ -13,7 +13,7 @@ from smsid.arm.regression import Projection, correlation_lags
 from smsid.effects import BaseTilt
 from smsid.effects.external import tilt_of
 from smsid.effects.friction import frictions_of
-from smsid.effects.friction_law import Law, fields_of, friction_columns, sliding_state
+from smsid.effects.friction_law import STRIBECK_SHARES, Law, fields_of, friction_columns, sliding_state
 
 if TYPE_CHECKING:
     from smsid.arm.identify import ArmIdentification
@@ -26,9 +26,6 @@ NOISE = 3
 
 SHARP = 0.01
 """Width of a sign for the hint, as a share of the rate's rms."""
-
-SLOW = (0.05, 0.1, 0.2, 0.4)
-"""Rates of Stribeck's curve for the hint, as shares of the rate's rms."""
 
 LAW = 0.05
 """Share of the residual's squares that a law of friction, or gravity's lean, must explain to be hinted at."""
@@ -127,7 +124,7 @@ def _friction_hint(found: ArmIdentification, residual: np.ndarray, k: int, name:
         fields = [f for f in fields_of(law) if f not in own.asked()]
         if not fields or (law == "temperature" and temperature is None):
             continue
-        for slow in SLOW if law == "stribeck" else SLOW[:1]:
+        for slow in STRIBECK_SHARES if law == "stribeck" else STRIBECK_SHARES[:1]:
             curved = own.model_copy(update={"stribeck_rate": slow * rms, "stribeck_exponent": 2.0})
             at = sliding_state(curved, v, angle=angle, load=load, temperature=temperature, smoothing=width)
             columns = np.column_stack(

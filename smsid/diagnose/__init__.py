@@ -2,7 +2,6 @@
 
 from smsid._callable import make_callable
 from smsid.diagnose.diagnose import DiagnosisRun, diagnose
-from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.result import (
     Alias,
     Diagnosis,
@@ -14,6 +13,7 @@ from smsid.diagnose.result import (
     save_diagnosis,
 )
 from smsid.diagnose.score_test import Candidate
+from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.diagnose.validation import ChannelGain, Gain
 from smsid.estimation.problem import ProcessNoise
 

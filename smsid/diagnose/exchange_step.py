@@ -11,20 +11,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.model_comparison import (
-    Cause,
-    DetectionThresholds,
-    aliases_of,
-    chance_of_nothing,
-    cost,
-    each_may_be_zero,
-    is_distinguishable,
-    refit,
-    strengths,
-    wald,
-)
+from smsid.diagnose.model_comparison import Cause, aliases_of, cost, is_distinguishable, refit
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
-from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
+from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, strengths, wald
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import MapFit, fit, prior_of
 from smsid.estimation.sensitivities import propagate

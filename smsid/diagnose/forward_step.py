@@ -20,9 +20,7 @@ from smsid.diagnose.change_point import (
 from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
 from smsid.diagnose.model_comparison import (
     Cause,
-    DetectionThresholds,
     accept,
-    distance,
     own_component,
     simplest_law,
     with_dynamics,
@@ -33,7 +31,8 @@ from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.step_size_check import refine_steps
-from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
+from smsid.diagnose.wald_test import distance
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import MapFit, evaluate, fit

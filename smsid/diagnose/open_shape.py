@@ -17,10 +17,11 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from smsid.arm.columns import JointStates
-from smsid.diagnose.model_comparison import Cause, as_fitted
+from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import fit_to_stated_noise
 from smsid.diagnose.score_test import Candidate, Score, correlation, linear_torques, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.wald_test import as_fitted
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter

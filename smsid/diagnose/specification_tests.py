@@ -13,6 +13,7 @@ from scipy.stats import chi2
 
 from smsid.diagnose.score_test import EXCITED, least_squares
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.effects.friction_law import SMOOTHING
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import MapFit, continue_fit, fit
@@ -26,7 +27,6 @@ LAGS = 8
 PAST = "its own past"
 BANDS = (0.0, 1 / 64, 1 / 16, 1 / 4, 1.0)  # of the highest frequency
 TOGETHER = 128  # columns that are carried at once: nearly as fast as all of them, in a fraction of the memory
-SIGN = 1e-3  # [rad/s] rate at which the sign of a rate turns over
 
 Named = tuple[str, str, str, list[Sensitivity]]  # where, location and dependence of a test, and its columns
 
@@ -216,7 +216,7 @@ def _dependences(found: MapFit, equation: Equation) -> list[tuple[str, list[Sens
 
     def driven(s: States, kq: int, kv: int) -> dict[str, list[np.ndarray]]:
         angle, rate, load, acc = s.q[:, kq], s.v[:, kv], s.tau[:, kv], s.a[:, kv]
-        sign = np.tanh(rate / SIGN)
+        sign = np.tanh(rate / SMOOTHING)
         terms = {
             "rate": [rate, sign, rate * np.abs(rate)],
             "load": [load, np.abs(load) * sign],

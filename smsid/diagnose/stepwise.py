@@ -12,7 +12,7 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.diagnose.forward_step import State
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds, with_further
+from smsid.diagnose.model_comparison import Cause, with_further
 from smsid.diagnose.noise_covariance import (
     FOLLOWED,
     InflatedFit,
@@ -36,7 +36,7 @@ from smsid.diagnose.specification_tests import (
 )
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.strong_causes import coarse_cause
-from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.parameter_vector import Point, Unknown

@@ -15,17 +15,12 @@ from itertools import chain
 
 import numpy as np
 
-from smsid.diagnose.model_comparison import (
-    Cause,
-    as_fitted,
-    strengths,
-    unfitted_parameters,
-    with_dynamics,
-)
+from smsid.diagnose.model_comparison import Cause, unfitted_parameters, with_dynamics
 from smsid.diagnose.noise_covariance import MISFIT, normalised_rmse
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.score_test import Candidate, scored, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.wald_test import as_fitted, strengths
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point, thinned, timed, timed_like
 from smsid.estimation.kalman import run_filter

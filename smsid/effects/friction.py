@@ -11,7 +11,15 @@ from pydantic import Field
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, JointEffect, Starting, physical, register
 from smsid.effects.force_laws import ForceLaw
-from smsid.effects.friction_law import BY_FIELD, TERMS, Law, closest_friction, friction_columns, sliding_state
+from smsid.effects.friction_law import (
+    BY_FIELD,
+    SMOOTHING,
+    TERMS,
+    Law,
+    closest_friction,
+    friction_columns,
+    sliding_state,
+)
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 
 ON_REQUEST = ("direction", "quadratic", "cubic", "temperature")
@@ -141,7 +149,7 @@ class JointFriction(JointEffect, Starting):
         "are anyway",
     )
     smoothing: float = physical(
-        "rad/s", lower=1e-6, default=0.005, description="rate at which the Coulomb torque reaches 76 %"
+        "rad/s", lower=1e-6, default=SMOOTHING, description="rate at which the Coulomb torque reaches 76 %"
     )
 
     def asked(self) -> tuple[str, ...]:

@@ -9,6 +9,16 @@ from typing import Any, Literal
 
 import numpy as np
 
+SMOOTHING = 0.005
+"""Rate at which the sign of friction turns over, where nothing else is stated [rad/s | m/s]: at it Coulomb
+friction reaches 76 %, below it nothing is known of its direction."""
+
+STRIBECK_RATES = (0.02, 0.05, 0.1, 0.2)
+"""Rates tried for Stribeck's curve [rad/s | m/s]; it sticks out of Coulomb's below that."""
+
+STRIBECK_SHARES = (0.05, 0.1, 0.2, 0.4)
+"""The same as shares of the rms of a joint's rate, for a first hint."""
+
 Law = Literal["direction", "quadratic", "cubic", "stribeck", "load", "position", "temperature"]
 
 

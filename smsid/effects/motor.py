@@ -27,6 +27,7 @@ from pydantic import Field, model_validator
 from smsid.effects.assembly import Assembly, Twist
 from smsid.effects.base import Effect, JointEffect, physical, register
 from smsid.effects.force_laws import BacklashForce, SharedFriction, TransmittedForce
+from smsid.effects.friction_law import SMOOTHING
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia, Rotor
 
@@ -82,7 +83,7 @@ class MotorCoupling(Effect):
     viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque on s per rate of s")
     coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque on s at speed")
     smoothing: float = Field(
-        default=0.005, gt=0.0, description="rate of s at which the Coulomb torque reaches 76 % [rad/s]"
+        default=SMOOTHING, gt=0.0, description="rate of s at which the Coulomb torque reaches 76 % [rad/s]"
     )
 
     @model_validator(mode="after")

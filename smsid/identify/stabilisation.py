@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy  # loads a part of it when that is used
 
 from smsid.errors import SmsidError
 from smsid.identify.modes import IdentifiedMode, Poles, mac, real_shape
@@ -86,7 +87,9 @@ def stable_modes(
     distance += 1 - mac(shapes, shapes)
     distance = (distance + distance.T) / 2
     np.fill_diagonal(distance, 0.0)
-    labels = clusters(np.maximum(distance, 0.0), limits.frequency + limits.shape)
+    pairs = distance[np.triu_indices(len(distance), k=1)]
+    tree = scipy.cluster.hierarchy.linkage(np.maximum(pairs, 0.0), "average")
+    labels = scipy.cluster.hierarchy.fcluster(tree, limits.frequency + limits.shape, "distance")
     needed = max(2, int(np.ceil(limits.share_of_orders * (len(poles) - 1))))
     modes = []
     for label in np.unique(labels):
@@ -107,23 +110,6 @@ def stable_modes(
             )
         )
     return tuple(sorted(modes, key=lambda mode: mode.frequency))
-
-
-def clusters(distance: np.ndarray, most: float) -> np.ndarray:
-    """Return which cluster each of n is in (n,), by average linkage of ``distance`` (n, n) up to ``most``.
-
-    As scipy's, which takes longer to import than all else about modes to do.
-    """
-    labels, sizes, apart = np.arange(len(distance)), np.ones(len(distance)), distance.copy()
-    np.fill_diagonal(apart, np.inf)
-    while apart.min() <= most:
-        kept, gone = sorted(np.unravel_index(np.argmin(apart), apart.shape))
-        both = (sizes[kept] * apart[kept] + sizes[gone] * apart[gone]) / (sizes[kept] + sizes[gone])
-        apart[kept], apart[:, kept] = both, both
-        apart[gone] = apart[:, gone] = apart[kept, kept] = np.inf
-        sizes[kept] += sizes[gone]
-        labels[labels == gone] = kept
-    return labels
 
 
 def _one_per_order(members: np.ndarray, frequency: np.ndarray, order: np.ndarray) -> np.ndarray:

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from smsid.diagnose.exchange_step import eliminate_backward
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds
+from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.score_test import Candidate, Score
+from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.errors import SimulationError
 
 
@@ -41,7 +42,7 @@ def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False, b
             raise SimulationError("lost")
         return fitted(rest)
 
-    for module in ("exchange_step", "model_comparison"):
+    for module in ("exchange_step", "wald_test"):
         monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
     monkeypatch.setattr(
         "smsid.diagnose.exchange_step.each_may_be_zero", lambda _, c: zero and c.location == "joint1"

@@ -11,18 +11,12 @@ from scipy.stats import chi2, norm
 from smsid.diagnose import change_time_posterior, verdict
 from smsid.diagnose import specification_tests as blocks
 from smsid.diagnose.exchange_step import eliminate_backward
-from smsid.diagnose.model_comparison import (
-    DetectionThresholds,
-    accept,
-    chance_of_share,
-    is_distinguishable,
-    simplest_law,
-    wald,
-)
+from smsid.diagnose.model_comparison import accept, is_distinguishable, simplest_law
 from smsid.diagnose.noise_covariance import misfit_factors
 from smsid.diagnose.score_test import Candidate, Score, correlation, least_squares
 from smsid.diagnose.specification_tests import SpecificationTest, adequacy, whiteness
-from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
+from smsid.diagnose.wald_test import chance_of_share, wald
 from smsid.effects import JointFriction
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.problem import ProcessNoise
@@ -86,7 +80,7 @@ def test_a_cause_pays_for_all_that_were_tried(monkeypatch, tried, named):
     run = SimpleNamespace(samples=1000)
     found = SimpleNamespace(objective=0.0, run=run, unknowns=(), problem=Coloured(False))
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: found)
-    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda *_, **__: 1e3)
+    monkeypatch.setattr("smsid.diagnose.wald_test.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=0.5 * ratio, run=run, unknowns=())
     best = score(ratio, 1)
     assert (accept(current, best, [best], DetectionThresholds(), tried)[0] is not None) is named
@@ -98,7 +92,7 @@ def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypa
     def wald(found, candidate, *, held=False, strength=False):
         return 12.0 if candidate.location == "joint1" else 50.0
 
-    for module in ("exchange_step", "model_comparison"):
+    for module in ("exchange_step", "wald_test"):
         monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
     monkeypatch.setattr("smsid.diagnose.exchange_step.each_may_be_zero", lambda *_: False)
     monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)

@@ -22,8 +22,9 @@ from smsid.diagnose.change_point import (
 )  # fmt: skip
 from smsid.diagnose.forward_step import drop_onset
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds
+from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.score_test import scored, signatures
+from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate
 

@@ -7,8 +7,9 @@ import pytest
 
 from smsid.diagnose.exchange_step import exchange_step, recompute_evidence, without_cause
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds, refit
+from smsid.diagnose.model_comparison import Cause, refit
 from smsid.diagnose.score_test import scored, signatures
+from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of

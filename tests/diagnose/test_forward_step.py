@@ -9,10 +9,10 @@ import pytest
 from smsid.diagnose import forward_step as rounds
 from smsid.diagnose.forward_step import State
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.model_comparison import Cause, DetectionThresholds
+from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.score_test import Score
-from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError
 
 FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other", "vain"))

@@ -8,24 +8,21 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose.added_oscillator import LEAST, STEP
 from smsid.diagnose.forward_step import RESTLESS
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import (
-    DetectionThresholds,
     accept,
     aliases_of,
     best_subset_odds,
     cost,
     is_distinguishable,
     refit,
-    wald,
 )
 from smsid.diagnose.noise_covariance import InflatedFit
-from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
 from smsid.diagnose.score_test import Candidate, Score, scored, signatures
 from smsid.diagnose.stepwise import search
-from smsid.effects import JointFriction, Slosh
+from smsid.diagnose.thresholds import DetectionThresholds
+from smsid.effects import JointFriction
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
@@ -87,7 +84,7 @@ def test_how_sharply_a_stribeck_curve_falls_is_fitted_where_it_is_no_gaussian(de
 def test_what_explains_only_without_end_is_no_cause(rubbing, monkeypatch):
     current, score = rubbing
     assert accept(current, score, [score], DetectionThresholds(), 60)[0] is not None
-    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda *_, **__: 5.0)
+    monkeypatch.setattr("smsid.diagnose.wald_test.wald", lambda *_, **__: 5.0)
     assert accept(current, score, [score], DetectionThresholds(), 60)[0] is None
 
 
@@ -257,7 +254,7 @@ def test_what_is_there_all_the_time_is_tried_beside_what_begins(monkeypatch):
         return fits[s.candidate.location]
 
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", refit)
-    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda *_, **__: 1e3)
+    monkeypatch.setattr("smsid.diagnose.wald_test.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=3000.0, run=run, unknowns=())
     cause, found = accept(current, begun, [begun, still], DetectionThresholds(), 60)
     assert cause.score is still
@@ -292,7 +289,7 @@ def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, like
         for s in (winner, rival)
     }
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: fits[id(s)])
-    monkeypatch.setattr("smsid.diagnose.model_comparison.wald", lambda *_, **__: 1e3)
+    monkeypatch.setattr("smsid.diagnose.wald_test.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=0.0, run=run, unknowns=())
     cause, _ = accept(current, winner, [winner, rival], DetectionThresholds(), 60)
     assert cause.score is winner
@@ -439,51 +436,3 @@ def test_of_many_aliases_the_unlikely_are_left_out_together():
     reached = {id(winner): 60.0, id(likely): 59.0, id(less): 58.0, id(unlikely): 59.5}
     tied = aliases_of(winner, [likely, less, unlikely], 10_000, reached)
     assert len(tied) == 3  # by the refit, whatever they were before it
-
-
-def test_how_far_from_doing_nothing(known, problem):
-    """How far from it a parameter is, in its standard deviations; linear ones as the score says."""
-    current = fit(known.point, known.unknowns[:1], problem)
-    candidates = propose(known.point, problem, known.unknowns[:1])
-    one = next(c for c in candidates if c.key == ("joint_friction", "joint2", "viscous"))
-    (own,) = scored(current, [one], list(signatures(current, [one]).values()))
-    found = refit(current, own)
-    assert wald(found, one) == pytest.approx(own.ratio, rel=0.2, abs=0.5)
-    at = [u.name for u in found.unknowns].index(one.free[0])
-    flat = replace(found, gram=np.array(found.gram))  # the same where hardly anything tells the parameter
-    flat.gram[at] *= 1e-3
-    flat.gram[:, at] *= 1e-3
-    assert wald(flat, one) < 1e-4 * wald(found, one) + 1e-9
-
-
-@pytest.mark.parametrize(("mass", "there"), [(LEAST, False), (0.2, True)])
-def test_a_spring_without_a_mass_is_no_cause(known, mass, there):
-    """Its mass went where it does nothing: how well its spring is known then says nothing."""
-    tank = Slosh(name="more", position=(0.0,) * 3, mass=LEAST, stiffness=(1.0,) * 3, damping=(0.0,) * 3)
-    names, steps = ("more.mass", "more.stiffness.x"), (STEP, 0.01)
-    candidate = ResolvedHypothesis("slosh", "bus", "slosh", "another slosh mass", tank, names, steps)
-    fitted = tank.with_values({"more.mass": mass + 1e-17, "more.stiffness.x": 3.0})
-    found = SimpleNamespace(
-        unknowns=candidate.unknowns(()),
-        point=known.point.with_effect(fitted),
-        covariance=lambda held, white: np.diag([1e-2, 1e-6]),
-        problem=WHITE,
-    )
-    assert (wald(found, candidate) > 1e6) is there
-    assert wald(found, candidate, strength=True) == pytest.approx(4.0 if there else 0.0, abs=1e-9)
-
-
-def test_what_an_effect_freed_is_held_where_that_is_asked(known):
-    """A strength that goes with what it freed is close to nothing by itself, and far from it beside that."""
-    tank = Slosh(name="more", position=(0.0,) * 3, mass=LEAST, stiffness=(1.0,) * 3, damping=(0.0,) * 3)
-    candidate = Candidate(
-        "slosh", "bus", "slosh", "", tank, ("more.mass",), (STEP,), also=("more.stiffness.x",)
-    )
-    found = SimpleNamespace(
-        unknowns=candidate.unknowns(()),
-        point=known.point.with_effect(tank.with_values({"more.mass": 0.2})),
-        covariance=lambda held, white: np.array([[1e-4 if "more.stiffness.x" in held else 1.0]]),
-        problem=WHITE,
-    )
-    assert wald(found, candidate) == pytest.approx(0.04)
-    assert wald(found, candidate, held=True) == pytest.approx(400.0)

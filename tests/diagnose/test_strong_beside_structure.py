@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import stepwise
-from smsid.diagnose.model_comparison import DetectionThresholds
 from smsid.diagnose.strong_causes import Coarse
+from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.errors import RecordingError
 
 PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.acceleration"))

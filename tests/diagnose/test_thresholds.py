@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from smsid.diagnose.model_comparison import DetectionThresholds
-from smsid.diagnose.thresholds import BEGIN, END, THRESHOLDS, thresholds_reference
+from smsid.diagnose.thresholds import BEGIN, END, THRESHOLDS, DetectionThresholds, thresholds_reference
 from smsid.diagnose.torque.search import LEVELS
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,9 +8,10 @@ import pytest
 from smsid.description import load_description
 from smsid.diagnose import diagnose
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.model_comparison import DetectionThresholds, simplest_law
+from smsid.diagnose.model_comparison import simplest_law
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.score_test import scored, signatures
+from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise

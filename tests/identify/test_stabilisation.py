@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.cluster.hierarchy import fcluster, linkage
-from scipy.spatial.distance import squareform
 
 from smsid.errors import SmsidError
 from smsid.identify.modes import Poles
-from smsid.identify.stabilisation import Stability, clusters, stable_modes, stable_poles
+from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
 
 TRUE = ((0.5, 0.01, [1.0, 0.5]), (0.505, 0.01, [-1.0, 1.0]), (2.0, 0.02, [0.3, 1.0]))
 
@@ -67,14 +65,3 @@ def test_lowest_order_is_never_stable():
 def test_too_few_orders():
     with pytest.raises(SmsidError, match="orders"):
         stable_modes(diagram()[:2], 10.0)
-
-
-@pytest.mark.parametrize("count", [2, 5, 60])
-def test_clusters_are_those_of_average_linkage(count):
-    rng = np.random.default_rng(count)
-    places = rng.choice(rng.uniform(size=6), count) + 0.01 * rng.standard_normal(count)
-    distance = np.abs(places[:, None] - places)
-    found = clusters(distance, 0.05)
-    tree = linkage(squareform(distance, checks=False), method="average")
-    expected = fcluster(tree, 0.05, criterion="distance")
-    np.testing.assert_array_equal(found[:, None] == found, expected[:, None] == expected)

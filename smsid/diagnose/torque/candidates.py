@@ -33,16 +33,13 @@ from smsid.effects import (
     catalogue,
 )
 from smsid.effects.base import AXES
-from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, fields_of
+from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, STRIBECK_RATES, fields_of
 from smsid.effects.payload import point_parameters
 from smsid.errors import SmsidError
 from smsid.model.regressor import INERTIAL_NAMES, Regressor
 from smsid.recording import Recording
 
-STRIBECK_RATES = (0.02, 0.05, 0.1, 0.2)
-"""Rates tried for Stribeck's curve [rad/s | m/s]; it sticks out of Coulomb's below that."""
-
-SLOW = 0.5
+WITHIN_MOTION = 0.5
 """Share of a joint's largest rate (95 of 100 instants are below that) which such a rate is below: a curve as
 wide as the motion is none of breaking loose."""
 
@@ -196,7 +193,7 @@ def _friction(equations: TorqueEquations, joint: str, j: int) -> Iterator[Torque
             continue  # a place has no cosine
         yield _one(equations, joint, shape, effect, fields_of(law))
     largest = float(np.quantile(np.abs(equations.motion.v[:, j]), 0.95))
-    for rate in (x for x in STRIBECK_RATES if x < SLOW * largest):
+    for rate in (x for x in STRIBECK_RATES if x < WITHIN_MOTION * largest):
         curve = effect.model_copy(update={"stribeck_rate": rate, "stribeck_exponent": 2.0})
         fields = ("coulomb", "stribeck")
         yield _one(equations, joint, "stribeck", curve, fields, grid=len(STRIBECK_RATES), needs=1)

@@ -12,13 +12,11 @@ from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque.fit import TorqueFit
 from smsid.diagnose.torque.whitening import robust_p_value
+from smsid.effects.friction_law import SMOOTHING
 from smsid.effects.gear import gears_of
 
 TIME_TERMS = 6
 RIPPLE = range(3, 9)
-SIGN = 5e-3
-"""Rate at which the sign of a rate turns over, that of `JointFriction` [rad/s]."""
-
 DELAY = "a delay"
 
 CURVES = (5e-4, 2e-2)
@@ -82,7 +80,7 @@ def _rubbing(found: TorqueFit) -> Iterator[tuple[int, np.ndarray, float]]:
     for joints in sorted(shared):
         own = [equations.names.index(k) for k in joints]
         for j in own:
-            yield j, equations.motion.v[:, own].sum(axis=1), SIGN
+            yield j, equations.motion.v[:, own].sum(axis=1), SMOOTHING
 
 
 def _beyond(found: TorqueFit, white: np.ndarray, curves: np.ndarray) -> np.ndarray:
@@ -106,7 +104,7 @@ def _is_below_stamps(found: TorqueFit, white: np.ndarray, basis: np.ndarray) -> 
 def _terms(found: TorqueFit, j: int) -> Iterator[tuple[str, list[np.ndarray]]]:
     motion, names = found.equations.motion, found.equations.names
     angle, rate, load = found.equations.angles[:, j], motion.v[:, j], found.load[:, j]
-    sign = np.tanh(rate / SIGN)
+    sign = np.tanh(rate / SMOOTHING)
     x = (motion.time - motion.time[0]) / (motion.time[-1] - motion.time[0])
     yield "rate", [rate, sign, rate * np.abs(rate), np.sqrt(np.abs(rate)) * sign]
     yield "load", [load, np.abs(load) * sign]
@@ -125,5 +123,5 @@ def _terms(found: TorqueFit, j: int) -> Iterator[tuple[str, list[np.ndarray]]]:
             yield "ripple over the motor's angle", [f(k * turned) for k in (1, 2) for f in (np.cos, np.sin)]
     for i, other in enumerate(names):
         if i != j:
-            yield f"rate of {other}", [motion.v[:, i], np.tanh(motion.v[:, i] / SIGN)]
+            yield f"rate of {other}", [motion.v[:, i], np.tanh(motion.v[:, i] / SMOOTHING)]
             yield f"acceleration of {other}", [motion.a[:, i]]

@@ -11,6 +11,7 @@ import numpy as np
 from smsid.arm.identify import rigid_arm, structural_base, torque_rows
 from smsid.arm.motion import ArmMotion, even_readings, joint_motion, measured_states
 from smsid.description import Description
+from smsid.effects.friction_law import SMOOTHING
 from smsid.errors import RecordingError
 from smsid.identify.robust import white_sigma
 from smsid.model.identifiable import BaseParameters
@@ -34,9 +35,6 @@ STEP = 1e-5
 SAMPLES_PER_PERIOD = 1.6
 """Instants kept per period of the band. No more: what the low-pass has taken away would have to be whitened.
 What folds over does so on both sides of the equations."""
-
-SLOW = 5e-3
-"""Rate below which friction is between signs [rad/s | m/s], as `JointFriction` has it."""
 
 SETTLING = 2.0
 """Periods of the band left out at either end, where the filter does not know what lies beyond."""
@@ -104,7 +102,7 @@ class TorqueEquations:
         if self.parts:
             return np.concatenate([p.unsure for p in self.parts])
         v = self.motion.v
-        slow = np.abs(v) < SLOW
+        slow = np.abs(v) < SMOOTHING
         slow[1:] |= np.sign(v[1:]) != np.sign(v[:-1])
         out = np.zeros(self.torque.shape, dtype=bool)
         for j, own in enumerate(slow.T):

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import f
 
-from smsid.diagnose.model_comparison import DetectionThresholds
-from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.torque.candidates import TorqueCandidate, instance
 from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
 from smsid.diagnose.torque.fit import (
