@@ -198,10 +198,11 @@ def markdown(result: Mapping[str, Any]) -> str:
     lines = [
         "# Effects hidden in MuJoCo, and what the diagnosis said",
         "",
-        f"{result['runs']} runs, seeds {_ranges(result['seeds'])}, sources of the diagnosis "
-        f"{result['digest']}; {result['environment']['cpu']}, {result['environment']['date']}. Thresholds "
-        f"are those of `smsid.diagnose.DetectionThresholds` ({levels}); the digest "
-        "pins them, and only runs made with it are counted. Intervals are Clopper-Pearson, 95 %.",
+        f"{result['runs']} runs, seeds {_ranges(result['seeds'])}, sources of commit "
+        f"{result['commit']} ({result['digest']}); {result['environment']['cpu']}, "
+        f"{result['environment']['date']}. Thresholds are those of `smsid.diagnose.DetectionThresholds` "
+        f"({levels}); the digest pins them, and only runs made with it are counted. "
+        "Intervals are Clopper-Pearson, 95 %.",
         "",
         "| | wanted | found | interval |",
         "|---|---|---|---|",

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import ROOT, environment, write_result
+from _common import ROOT, commit, environment, write_result
 from rich.console import Console
 
 from tests.hidden.plan import draw_run
@@ -92,12 +92,6 @@ def summed_up(rows: Sequence[dict[str, Any]], trees: Sequence[str]) -> dict[str,
             t: float(np.median(seconds["now"] / x)) for t, x in seconds.items() if t != "now"
         }
     return out
-
-
-def commit(tree: Path) -> str:
-    """Return the commit of a checkout."""
-    asked = ["git", "-C", str(tree), "rev-parse", "--short=8", "HEAD"]
-    return subprocess.run(asked, capture_output=True, check=True, text=True).stdout.strip()
 
 
 def main() -> None:

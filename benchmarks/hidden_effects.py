@@ -1,12 +1,14 @@
 """Effects hidden in MuJoCo worlds, and what the diagnosis says: rates with exact intervals, confusion matrix.
 
     python benchmarks/hidden_effects.py --seeds-from 1000 [--runs 500] [--minutes 60] [--family sensor]
+        [--study strong]
 
 Every run draws its world, what it hides, how strong and when from one seed, and the judge reads nothing but
-diagnosis.json. Runs are kept in ``results/hidden_effects.jsonl`` and reused for the same sources of the
+diagnosis.json. Runs are kept in ``build/hidden_effects.jsonl`` and reused for the same sources of the
 diagnosis, so the study can be stopped and started again; whatever is there is summed up in
-``results/hidden_effects.json`` and ``.md``. Thresholds are frozen by committing ``smsid/diagnose`` before a
-block of seeds (``--seeds-from``) is used for the first time: rows carry the digest of its sources.
+``results/hidden_effects.json`` and ``.md``, or in those of a ``--study`` by name. Thresholds are frozen by
+committing ``smsid/diagnose`` before a block of seeds (``--seeds-from``) is used for the first time: rows
+carry the digest of its sources.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from _common import RESULTS, ROOT, environment, write_result
+from _common import RESULTS, ROOT, commit, environment, write_result
 from _hidden_summary import markdown, summary
 from rich.console import Console
 
@@ -30,7 +32,7 @@ from tests.hidden.plan import CATEGORIES, Run, draw_run
 from tests.hidden.study import run_and_judge
 
 NAME = "hidden_effects"
-STORE = RESULTS / f"{NAME}.jsonl"
+STORE = ROOT / "build" / f"{NAME}.jsonl"
 STRENGTHS = (1.0, 3.0, 10.0, 100.0)
 DECIDING = (
     "description", "diagnose", "effects", "estimation", "identify", "kernel", "likelihood", "model",
@@ -101,6 +103,7 @@ def main() -> None:
         "--strengths", type=float, nargs="+", default=STRENGTHS, help="of single effects, 1: the limit"
     )
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so many")
+    parser.add_argument("--study", help="end of the names of the files written: strong, friction, onset")
     parser.add_argument("--show", action="store_true", help="only sum up what is stored")
     arguments = parser.parse_args()
     console = Console()
@@ -127,6 +130,7 @@ def main() -> None:
         console.print("the sources changed during the study: rows belong to what was loaded")
     result = {
         "environment": environment("smsid", "pin", "mujoco", "numpy", "scipy"),
+        "commit": commit(ROOT),
         "digest": fingerprint,
         "seeds": sorted({int(r["seed"]) for r in rows.values()}),
         "levels": _levels(),
@@ -135,9 +139,10 @@ def main() -> None:
     if not rows:
         console.print("no runs yet with these sources")
         return
-    write_result(NAME, result)
-    atomic_write(RESULTS / f"{NAME}.md", markdown(result))
-    console.print(f"{len(rows)} runs; wrote {RESULTS / NAME}.json and .md")
+    name = f"{NAME}_{arguments.study}" if arguments.study else NAME
+    write_result(name, result)
+    atomic_write(RESULTS / f"{name}.md", markdown(result))
+    console.print(f"{len(rows)} runs; wrote {RESULTS / name}.json and .md")
 
 
 def _levels() -> dict[str, Any]:
