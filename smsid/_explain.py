@@ -98,10 +98,10 @@ def _locate(loc: Sequence[int | str], root: type[BaseModel], tables: Any) -> tup
         last = depth == len(loc) - 1
         here = _step(here, part)
         if isinstance(part, int):
-            words[-1:] = [_numbered(words[-1] if words else "item", part, here)]
+            words[-1:] = [_entry_label(words[-1] if words else "item", part, here)]
             model = _table_model(annotation, here) or model
             continue
-        field = _field(model, part)
+        field = _field_type(model, part)
         if field is None and annotation is not None and get_origin(annotation) is not dict and not last:
             continue  # the tag of a union's branch: no key of the file
         words.append(part)
@@ -113,7 +113,7 @@ def _locate(loc: Sequence[int | str], root: type[BaseModel], tables: Any) -> tup
     return ", ".join(words) or "the file", _keys(model), False
 
 
-def _numbered(word: str, index: int, here: Any) -> str:
+def _entry_label(word: str, index: int, here: Any) -> str:
     name = here.get("name") if isinstance(here, Mapping) else None
     text = f"{word} number {index + 1}"
     return f"{text} ('{name}')" if isinstance(name, str) else text
@@ -127,7 +127,7 @@ def _step(here: Any, part: int | str) -> Any:
     return here
 
 
-def _field(model: type[BaseModel] | None, key: str) -> Any:
+def _field_type(model: type[BaseModel] | None, key: str) -> Any:
     if model is None:
         return None
     for name, info in model.model_fields.items():

@@ -38,7 +38,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         OutputError: as `check_target`, the disk is full, or the block wrote nothing.
     """
     target = check_target(path)
-    with _explained(path), temporary_beside(target) as temporary:
+    with _explain_os_errors(path), temporary_beside(target) as temporary:
         yield temporary
         if not temporary.is_file() or not temporary.stat().st_size:
             raise OutputError(
@@ -57,7 +57,7 @@ def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> Path:
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     target = check_target(path)
-    with _explained(path), temporary_beside(target) as temporary:
+    with _explain_os_errors(path), temporary_beside(target) as temporary:
         temporary.write_bytes(data)
         _replace(temporary, target)
     return Path(path)
@@ -76,7 +76,7 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             f"'{path}' exists and is not an empty folder.", advice="Name a new folder.", path=str(path)
         )
     _check_parent(target, path)
-    with _explained(path), temporary_beside(target, folder=True) as temporary:
+    with _explain_os_errors(path), temporary_beside(target, folder=True) as temporary:
         try:
             yield temporary
         except OutputError as error:  # of a file in it, by the name that the user gave the folder
@@ -164,7 +164,7 @@ def _check_parent(target: Path, path: str | os.PathLike[str]) -> None:
 
 
 @contextmanager
-def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
+def _explain_os_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except OSError as error:

@@ -14,18 +14,18 @@ T = TypeVar("T", bound=type)
 
 
 class ShortRepr:
-    """Text and notebook table of what a class tells of itself: ``_told`` returns a title and rows."""
+    """Text and notebook table of a class: its ``_title_and_rows`` returns a title and rows."""
 
     __slots__ = ()
 
     def __repr__(self) -> str:
-        return as_text(*self._told())
+        return as_text(*self._title_and_rows())
 
     def __str__(self) -> str:  # pydantic has one of its own
         return repr(self)
 
     def _repr_html_(self) -> str:
-        return as_html(*self._told())
+        return as_html(*self._title_and_rows())
 
 
 def short_repr(cls: T) -> T:
@@ -73,7 +73,7 @@ def one_line(value: Any) -> str:
     if isinstance(value, str):
         return repr(value)
     if isinstance(value, Mapping):
-        return _counted(f"{len(value)} entries", [str(k) for k in value])
+        return _count_and_names(f"{len(value)} entries", [str(k) for k in value])
     if isinstance(value, Sequence | Set):
         plain = all(isinstance(x, str | int | float) or x is None for x in value)
         if plain:
@@ -93,6 +93,6 @@ def _is_short(value: Any) -> bool:
     return own is not object.__repr__
 
 
-def _counted(count: str, names: list[str]) -> str:
+def _count_and_names(count: str, names: list[str]) -> str:
     text = ", ".join(names)
     return f"{count}: {text}" if len(text) < 70 else f"{count}: {text[:60]}..."

@@ -27,7 +27,7 @@ def temporary_beside(target: Path, *, folder: bool = False) -> Iterator[Path]:
     killed run left from what another run is writing.
     """
     remove_orphans(target.parent)
-    path, handle = _locked(target, folder)
+    path, handle = _create_locked(target, folder)
     try:
         yield path
     finally:
@@ -49,7 +49,7 @@ def remove_orphans(folder: Path) -> list[Path]:
     return removed
 
 
-def _locked(target: Path, folder: bool) -> tuple[Path, int]:
+def _create_locked(target: Path, folder: bool) -> tuple[Path, int]:
     kept = target.name.encode(errors="surrogateescape")[:LONGEST].decode(errors="ignore")
     while True:
         path = target.with_name(f".{kept}.smsid-{secrets.token_hex(6)}.tmp")

@@ -100,7 +100,7 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
     spiked: dict[str, int] = {}
     channels = {"position": position, "torque": torque}
     for what in ("velocity", "temperature") if velocity else ("temperature",):
-        told = _measured(recording, f"joint_{what}")
+        told = _measured_channels(recording, f"joint_{what}")
         channels |= {what: told[0]} if len(told) == 1 else {}
     for what, channel in channels.items():
         values, times = np.asarray(recording[channel], dtype=float), np.asarray(recording.time(channel))
@@ -112,7 +112,7 @@ def joint_readings(model: SpacecraftModel, recording: Recording, *, velocity: bo
             )
         at_motor = channel.startswith(f"{MOTOR}.")
         if what == "position":
-            values, turns = _unwrapped(model, names, values, channel, at_motor=at_motor)
+            values, turns = _unwrap_angles(model, names, values, channel, at_motor=at_motor)
         if what != "temperature":
             spikes = np.column_stack([outliers(column, TINY) for column in values.T])
             counts = zip(names, spikes.sum(axis=0).tolist(), strict=True)
@@ -146,7 +146,7 @@ def without_turns(model: SpacecraftModel, recording: Recording) -> Recording:
     channel = measured_channel(recording, "joint_position")
     ordered = with_joint_order(model, recording)
     at_motor = channel.startswith(f"{MOTOR}.")
-    values, turns = _unwrapped(
+    values, turns = _unwrap_angles(
         model, model.arm_joints.names, np.asarray(ordered[channel]), channel, at_motor=at_motor
     )
     return ordered.with_channels({channel: values}) if turns else ordered
@@ -188,7 +188,7 @@ def measured_channel(recording: Recording, quantity: str) -> str:
         RecordingError: none, or several.
     """
     commanded = f"command.{quantity}"
-    chosen = _measured(recording, quantity) or [n for n in recording.channels if n == commanded]
+    chosen = _measured_channels(recording, quantity) or [n for n in recording.channels if n == commanded]
     if len(chosen) != 1:
         raise RecordingError(
             f"The recording has {len(chosen)} channels of '{quantity}' to choose from: "
@@ -201,7 +201,7 @@ def measured_channel(recording: Recording, quantity: str) -> str:
     return chosen[0]
 
 
-def _measured(recording: Recording, quantity: str) -> list[str]:
+def _measured_channels(recording: Recording, quantity: str) -> list[str]:
     own = (n for n in recording.channels if n.endswith(f".{quantity}"))
     return [n for n in own if not n.startswith(("command.", "truth."))]
 
@@ -223,7 +223,7 @@ def _limits(model: SpacecraftModel, names: tuple[str, ...]) -> JointLimits:
     return JointLimits.of(model.pin, JointGroup.of(model.pin, [model.pin.getJointId(name) for name in names]))
 
 
-def _unwrapped(
+def _unwrap_angles(
     model: SpacecraftModel, names: tuple[str, ...], values: np.ndarray, channel: str, *, at_motor: bool
 ) -> tuple[np.ndarray, dict[str, int]]:
     turns, limits = whole_turns(values), _limits(model, names)

@@ -92,10 +92,12 @@ class ServoIdentification(JudgedArm):
         whole = servo_equations(self.model, motion, torques, _servos(self.model))
         left = whole.torque - whole.rows @ self.x
         moves = moves_throughout(motion, torques)
-        return _compared(torques, left, moves & within_limits(whole.torque, left, moves), self.stiffness)
+        return _compare_torques(
+            torques, left, moves & within_limits(whole.torque, left, moves), self.stiffness
+        )
 
 
-def _compared(
+def _compare_torques(
     torques: JointTorques, left: np.ndarray, used: np.ndarray, stiffness: np.ndarray
 ) -> TorqueComparison:
     error = torques.torque * used
@@ -181,7 +183,7 @@ def identify_servos(
     stiffness = np.array(
         [values.get(f"{servos[k].name}.stiffness", servos[k].stiffness) for k in sorted(servos)]
     )
-    own = _compared(torques, left, used, stiffness)
+    own = _compare_torques(torques, left, used, stiffness)
     return ServoIdentification(
         estimate,
         _with_values(description, values),

@@ -63,7 +63,7 @@ def on_processes(task: Task, runs: Iterable[int], workers: int) -> Generator[Run
         started: list[int] = []
         done: set[int] = set()
         try:
-            with closing(completed_runs(task, _noting(left, started), workers, how)) as results:
+            with closing(completed_runs(task, _note_started(left, started), workers, how)) as results:
                 for record in results:
                     done.add(record.run)
                     yield record
@@ -92,7 +92,7 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _noting(runs: Iterable[int], started: list[int]) -> Iterator[int]:
+def _note_started(runs: Iterable[int], started: list[int]) -> Iterator[int]:
     for run in runs:
         started.append(run)
         yield run

@@ -62,7 +62,7 @@ def run_campaign(
     error and the campaign goes on. Raises `SmsidError` when the store cannot be written or the cluster is out
     of reach, `ExperimentError` for a backend or number of workers that does not exist.
     """
-    count = _checked(backend, workers, dask_address)
+    count = _worker_count(backend, workers, dask_address)
     runs = prepared.campaign.runs
     pending = store.pending_runs(runs, retry_failed=retry_failed)
     failed = len([i for i in store.failed if i < runs])
@@ -117,7 +117,7 @@ def _results(
     return on_processes(task, runs, workers)
 
 
-def _checked(backend: str, workers: int | None, address: str | None) -> int:
+def _worker_count(backend: str, workers: int | None, address: str | None) -> int:
     if backend not in get_args(Backend):
         raise ExperimentError(
             f"There is no backend '{backend}'.", advice=f"Use {', '.join(get_args(Backend))}."

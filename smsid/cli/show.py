@@ -40,7 +40,7 @@ def show_file(path: Path, *, everything: bool = False) -> Iterator[Any]:
     """
     kind = kind_of(path)
     loader, parts = SHOWN[kind]
-    yield from _named(parts)(_named(loader)(path), everything=everything)
+    yield from _import_named(parts)(_import_named(loader)(path), everything=everything)
 
 
 def file_document(path: Path) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def file_document(path: Path) -> dict[str, Any]:
     if kind not in ("recording", "track", "estimate", "experiment", "campaign", "campaign_plan", "mapping",
                     "description"):  # fmt: skip
         return {"kind": kind, kind: read_json(path)}
-    found = _named(SHOWN[kind][0])(path)
+    found = _import_named(SHOWN[kind][0])(path)
     match kind:
         case "recording":
             from smsid.cli.show_parts import recording_document
@@ -74,6 +74,6 @@ def file_document(path: Path) -> dict[str, Any]:
     return {"kind": kind, kind: document}
 
 
-def _named(target: str) -> Callable[..., Any]:
+def _import_named(target: str) -> Callable[..., Any]:
     module, _, name = target.partition(":")
     return getattr(import_module(module), name)

@@ -47,7 +47,7 @@ def compare(
     """
     model = None if description is None else build_model(description)
     common = common_basis(first, second, _sizes(model))
-    called = names or (_called(first, "first"), _called(second, "second"))
+    called = names or (_recording_names(first, "first"), _recording_names(second, "second"))
     parameters = _changes(common)
     statistic, freedom, p_value = None, 0, None
     notes = list(_notes(first, second, common, called))
@@ -70,7 +70,7 @@ def compare(
                 findings.append(_effect_change(part, common, description))
         left = explained.left
         if left < UNEXPLAINED or not findings:
-            findings.append(_unexplained(parameters, left))
+            findings.append(_unexplained_finding(parameters, left))
     overall = statistic, freedom, p_value, tuple(findings), left, tuple(notes)
     return Comparison(*called, parameters, common.not_comparable, *overall)
 
@@ -126,7 +126,7 @@ def _words(effect: Effect | None, key: str, up: bool) -> str:
     return said.pop() if len(said) == 1 else ""
 
 
-def _unexplained(parameters: tuple[ParameterChange, ...], left: float) -> Finding:
+def _unexplained_finding(parameters: tuple[ParameterChange, ...], left: float) -> Finding:
     worst = sorted(parameters, key=lambda p: p.p_value)[:3]
     named = ", ".join(f"{p.name} ({p.deviations:+.1f} sigma)" for p in worst)
     return Finding(
@@ -164,7 +164,7 @@ def _tanks(model: SpacecraftModel | None) -> tuple[Propellant, ...]:
     return tuple(found)
 
 
-def _called(estimate: Estimate, otherwise: str) -> str:
+def _recording_names(estimate: Estimate, otherwise: str) -> str:
     return ", ".join(estimate.recordings) or otherwise
 
 

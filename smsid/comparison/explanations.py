@@ -117,8 +117,8 @@ def explain(common: Common) -> Explanation:
     """Return the physical changes that explain the differences, by stepwise selection."""
     whole = hypotheses(common)
     data = Differences(common)
-    chosen = _selected(data, whole)
-    moved = _moved(data, chosen)
+    chosen = _select_hypotheses(data, whole)
+    moved = _estimated_changes(data, chosen)
     # a name's factors are rounded: what a heavy body changes is known to that share only
     rounding = ROUNDED * np.sum(
         [np.abs(h.columns) @ np.abs(x) for h, x in zip(chosen, moved, strict=True)], 0
@@ -126,15 +126,15 @@ def explain(common: Common) -> Explanation:
     if chosen and np.any(rounding > 0.0):
         several = np.count_nonzero(common.factors, axis=1) > 1
         data = Differences(common, np.where(several, rounding, 0.0))
-        chosen = _selected(data, whole)
+        chosen = _select_hypotheses(data, whole)
     left, rank = _remaining_chi2(data, chosen)
-    parts = [_explained(data, h, chosen, whole) for h in chosen]
+    parts = [_explanation_of(data, h, chosen, whole) for h in chosen]
     parts.sort(key=lambda x: x.p_value)
     freedom = data.freedom - rank
     return Explanation(tuple(parts), float(chi2.sf(left, freedom)) if freedom else 1.0)
 
 
-def _selected(data: Differences, whole: Sequence[Hypothesis]) -> list[Hypothesis]:
+def _select_hypotheses(data: Differences, whole: Sequence[Hypothesis]) -> list[Hypothesis]:
     chosen: list[Hypothesis] = []
     while len(chosen) < MOST:
         now, rank = _remaining_chi2(data, chosen)
@@ -192,14 +192,14 @@ def _decompose(data: Differences, chosen: Sequence[Hypothesis]) -> tuple[np.ndar
     return u[:, seen], vt[seen].T / s[seen] / size[:, None], vt[seen].T
 
 
-def _moved(data: Differences, chosen: Sequence[Hypothesis]) -> list[np.ndarray]:
+def _estimated_changes(data: Differences, chosen: Sequence[Hypothesis]) -> list[np.ndarray]:
     if not chosen:
         return []
     u, inverse, _ = _decompose(data, chosen)
     return np.split(inverse @ (u.T @ data.white), np.cumsum([len(h.names) for h in chosen])[:-1])
 
 
-def _explained(
+def _explanation_of(
     data: Differences, one: Hypothesis, chosen: Sequence[Hypothesis], whole: Sequence[Hypothesis]
 ) -> Explained:
     u, inverse, basis = _decompose(data, chosen)

@@ -161,7 +161,7 @@ class Comparison(ShortRepr):
             return f"No change beyond chance{jointly} ({told})."
         return f"Something has changed ({told})."
 
-    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+    def _title_and_rows(self) -> tuple[str, list[tuple[str, str]]]:
         rows = [("result", self.sentence), *(("finding", f.sentence) for f in self.findings)]
         for p in sorted(self.parameters, key=lambda p: not p.changed):
             half = NORMAL95 * p.sigma

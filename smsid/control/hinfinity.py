@@ -77,7 +77,7 @@ def synthesize(plant: Plant, *, tolerance: float = 1e-4, gamma: float | None = N
                 advice="Ask for less: a larger error, less bandwidth, or a smaller uncertainty.",
                 gamma=gamma,
             )
-        return _verified(plant, found, gamma, gamma)
+        return _verify_norm(plant, found, gamma, gamma)
     low, high = _bracket(plant)
     for _ in range(60):
         if high - low <= tolerance * high:
@@ -93,7 +93,7 @@ def synthesize(plant: Plant, *, tolerance: float = 1e-4, gamma: float | None = N
             f"The search for gamma is not consistent: {high:.6g} is feasible, {level:.6g} is not.",
             advice="The plant is badly scaled: give weights nearer to one in size.",
         )
-    return _verified(plant, found, level, high)
+    return _verify_norm(plant, found, level, high)
 
 
 def feasible(plant: Plant, gamma: float) -> bool:
@@ -113,7 +113,7 @@ def _attempt(plant: Plant, gamma: float) -> StateSpace | None:
     return controller
 
 
-def _verified(plant: Plant, controller: StateSpace, gamma: float, optimum: float) -> Synthesis:
+def _verify_norm(plant: Plant, controller: StateSpace, gamma: float, optimum: float) -> Synthesis:
     closed = lower_lft(plant.system, controller)
     return Synthesis(controller, closed, gamma, hinf_norm(closed)[0], optimum)
 

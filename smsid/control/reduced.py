@@ -62,8 +62,8 @@ class ReducedDynamics:
         self.pin = pin.buildReducedModel(model.pin, frozen, model.home) if frozen else model.pin.copy()
         self.pin.gravity.linear = np.zeros(3)
         self.data = self.pin.createData()
-        self.arm = _regrouped(self.pin, model.arm_joints)
-        self.wheels = _regrouped(self.pin, model.wheels)
+        self.arm = _group_in(self.pin, model.arm_joints)
+        self.wheels = _group_in(self.pin, model.wheels)
         self.mass = float(sum(inertia.mass for inertia in self.pin.inertias))
         self._q = pin.neutral(self.pin)
         self._v = np.zeros(self.pin.nv)
@@ -187,7 +187,7 @@ class ReducedDynamics:
                 )
 
 
-def _regrouped(model: pin.Model, group: JointGroup) -> JointGroup:
+def _group_in(model: pin.Model, group: JointGroup) -> JointGroup:
     return JointGroup.of(model, [model.getJointId(name) for name in group.names])
 
 

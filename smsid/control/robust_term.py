@@ -149,7 +149,7 @@ def _design(
         found = synthesize(error_plant(kp, kd, part, bound))
     noise = np.concatenate([1.0 / part.angle_noise, 1.0 / part.rate_noise])
     controller = found.controller.scaled(np.diag(effective_disturbance(kp, kd, part)), np.diag(noise))
-    return _judged(kp, kd, controller, index, found, bound, part.crossover), controller
+    return _design_block(kp, kd, controller, index, found, bound, part.crossover), controller
 
 
 def _lower_crossover(weights: DesignWeights, factor: float) -> DesignWeights:
@@ -305,7 +305,7 @@ def rigid_loop(kp: np.ndarray, kd: np.ndarray, controller: StateSpace) -> StateS
     return lower_lft(double_integrator, StateSpace(k.a, k.b, -k.c, np.hstack([kp, kd]) - k.d))
 
 
-def _judged(
+def _design_block(
     kp: np.ndarray,
     kd: np.ndarray,
     controller: StateSpace,

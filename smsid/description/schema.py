@@ -215,7 +215,7 @@ class Description(ShortRepr, StrictTable):
                 )
         return self
 
-    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+    def _title_and_rows(self) -> tuple[str, list[tuple[str, str]]]:
         rows = [("urdf", self.urdf)]
         rows += [(f"arm {a.name}", a.robot or a.urdf or "joints of the URDF") for a in self.arm]
         rows += [("wheels", ", ".join(w.name for w in self.wheel))] if self.wheel else []

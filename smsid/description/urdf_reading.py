@@ -273,7 +273,7 @@ def unused_elements(root: Element) -> tuple[str, ...]:
     extended = list(_settings(root, "gazebo", "reference", GAZEBO))
     if extended:
         found.append(f"<gazebo> {some_of(extended)}: a spring is the effect `joint_cable`")
-    unknown = _unknown(root)
+    unknown = _unknown_elements(root)
     if unknown:
         found.append(f"{some_of(unknown)}: a URDF knows no such thing (misspelt?)")
     undrawn = list(_unreadable_shapes(root))
@@ -307,7 +307,7 @@ def _settings(root: Element, outer: str, named_by: str, neutral: dict[str, set[s
                 yield f"{element.get(named_by)} ({tag.tag} {text})"
 
 
-def _unknown(root: Element) -> list[str]:
+def _unknown_elements(root: Element) -> list[str]:
     """Return elements and attributes of links' inertia and of joints that a URDF does not know."""
     places = [(f"joint '{tag.get('name')}'", tag) for tag in root.findall("joint")]
     for link in root.findall("link"):

@@ -113,7 +113,7 @@ def goal_of(
     everything = [*found, *rigid]
     chosen: dict[str, Combination] = {}
     for word in wanted:
-        own = _matching(word.strip(), model, found, rigid)
+        own = _matching_combinations(word.strip(), model, found, rigid)
         if not own:
             known = sorted({"slosh", "panel", "mass", "inertia", *SYMBOLS, *(c.name for c in everything)})
             if word.strip() == "inertia":
@@ -141,10 +141,10 @@ def goal_of(
 def needs_motion(parameters: Parameters, wanted: Sequence[str]) -> bool:
     """Return whether something is asked for that only a free-floating experiment shows."""
     found = effects_and_mass(parameters, parameters)
-    return any(not _matching(w.strip(), parameters.layout.model, found, []) for w in wanted)
+    return any(not _matching_combinations(w.strip(), parameters.layout.model, found, []) for w in wanted)
 
 
-def _matching(
+def _matching_combinations(
     word: str, model: SpacecraftModel, found: Sequence[Combination], rigid: Sequence[Combination]
 ) -> list[Combination]:
     tanks = {s.name for s in model.slosh}

@@ -112,12 +112,14 @@ def reaction_forces(
     ``omega`` [rad/s] and ``zeta`` (f,); ``place`` (3,), bus frame [m].
     """
     run = changes.run
-    at, middle = (_driving(s, springs.axes, place, springs.moves) for s in (run.states, run.middle))
+    at, middle = (
+        _place_accelerations(s, springs.axes, place, springs.moves) for s in (run.states, run.middle)
+    )
     step = float(np.median(np.diff(run.states.time)))
     return _forces(at, middle, omega, zeta, step, run.begins)
 
 
-def _driving(s: States, axes: np.ndarray, place: np.ndarray, moves: np.ndarray) -> np.ndarray:
+def _place_accelerations(s: States, axes: np.ndarray, place: np.ndarray, moves: np.ndarray) -> np.ndarray:
     """Return the acceleration (N, axes, 1 + moves) along each axis of the place, and by moves of it."""
     omega, alpha = s.v[:, 3:6], s.a[:, 3:6]
 

@@ -54,12 +54,12 @@ def with_inertial_shifts(point: Point, last: MapFit) -> tuple[Description, tuple
     if not point.inertial:
         return point.description, ()
     try:
-        return _extended(point, point.inertial), ()
+        return _shifted_description(point, point.inertial), ()
     except DescriptionError as error:
         LOGGER.info("refitted bodies cannot exist: %s", error)
     try:
         near = _that_can_exist(last)
-        return _extended(point, near), (
+        return _shifted_description(point, near), (
             "refitted bodies that could not exist singly are the nearest that can, by the fit's uncertainty",
         )
     except (SmsidError, np.linalg.LinAlgError) as error:
@@ -120,7 +120,7 @@ def body_errors(shifts: Mapping[str, np.ndarray]) -> list[Effect]:
     ]  # fmt: skip
 
 
-def _extended(point: Point, inertial: Mapping[int, float]) -> Description:
+def _shifted_description(point: Point, inertial: Mapping[int, float]) -> Description:
     """Return a description with shifts by column; raises `DescriptionError` where a body could not exist."""
     names = body_names(point.base.pin)
     bodies = {c // SIZE: np.zeros(SIZE) for c in inertial}

@@ -109,7 +109,7 @@ class State:
 
     def forward_step(self) -> bool:
         """Look for one cause more; return whether there may be another."""
-        leading = self._leading()
+        leading = self._leading_scores()
         if not leading:
             return False
         counting = [s for s in leading[1:] if self._counts(s)] or leading[:1]
@@ -249,7 +249,7 @@ class State:
         """Whether there is something; odds order what counts, they do not decide."""
         return bool(s.freedom) and s.p_value * len(self.candidates) < self._asked.candidate
 
-    def _leading(self) -> list[Score]:
+    def _leading_scores(self) -> list[Score]:
         """Return the likeliest score, then it and its contenders with the onset that each may have."""
         least = self._asked.beside * max((c.ratio for c in self.causes), default=0.0)
         best = next((s for s in self.scores if s.ratio > least and self._counts(s)), None)
@@ -361,7 +361,7 @@ class State:
         """
         counted = self.fitted.misfit
         self.current.changes.by_candidate.clear()
-        told = partial(_told, self.causes)
+        told = partial(_distances_of_causes, self.causes)
         self.fitted = refit_noise(replace(self.fitted, fit=found), strong=strong, told=told)
         if self.fitted.misfit:
             self.leave_open()
@@ -429,7 +429,7 @@ class State:
         return sorted((*scores, *refused), key=self._worth, reverse=True)
 
 
-def _told(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:
+def _distances_of_causes(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:
     """Return how many standard deviations, in squares, each cause but those at a place is from doing nothing
     at a fit.
     """

@@ -106,7 +106,7 @@ def _one(
     yield Candidate(kind, location, own, shape, effect, names, steps, more, simpler=tuple(simpler))
 
 
-def _profiled(
+def _threshold_hypothesis(
     c: Candidate, field: str, shares: Sequence[float], motion: str, first: int, width: int = 1
 ) -> Candidate:
     span = {"motion": motion, "first": first, "last": first + width}
@@ -139,7 +139,7 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             yield from _one("actuator_delay", name, "delay", {"actuator": name}, {"delay": 1e-3})
             if wheel:
                 for c in rubs("stiction", at, {"stribeck": 1e-3}, curve, simpler=["coulomb"]):
-                    yield _profiled(c, "stribeck_rate", STICKS, "v", int(v))
+                    yield _threshold_hypothesis(c, "stribeck_rate", STICKS, "v", int(v))
                 for size in ("static", "dynamic"):
                     free = {size: 1e-4, "phase": 1e-2}
                     for c in _one("wheel_imbalance", name, f"{size} imbalance", {"wheel": name}, free):
@@ -160,7 +160,7 @@ def _joints(point: Point, problem: Problem) -> Iterator[Candidate]:
             yield from _one("gear_compliance", name, "compliance", gear, springy, ["damping"])
             crossing = ["turn_torque", "sharpness"]
             for c in _one("backlash", name, "backlash", gear, {"gap": 1e-6}, crossing):
-                yield _profiled(c, "turn_torque", CROSSED, "tau", int(v))
+                yield _threshold_hypothesis(c, "turn_torque", CROSSED, "tau", int(v))
 
 
 def _bodies(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
@@ -225,7 +225,7 @@ def _fuel(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
                 yield from _one("slosh_nonlinearity", n, shape, at, free, part=own)
         hard = {"stiffness": max(effect.stiffness)}
         for c in _one("slosh_wall", n, "wall", {"tank": n}, hard, ["gap"], "", ["cubic spring"]):
-            yield _profiled(c, "gap", ROOM, "q", joints.q.start, 3)
+            yield _threshold_hypothesis(c, "gap", ROOM, "q", joints.q.start, 3)
 
 
 def _panels(point: Point, nominal: Sequence[Unknown]) -> Iterator[Candidate]:
@@ -360,7 +360,7 @@ def more_slosh(point: Point, problem: Problem) -> Iterator[OscillatorHypothesis]
     if not model.free:
         return
     springs = AddedOscillatorHypothesis(np.zeros(3), np.eye(3), np.eye(3))
-    name = _unused(point, "slosh_more")
+    name = _unused_name(point, "slosh_more")
     grid = _grid(problem, SLOSH)
     yield OscillatorHypothesis(
         "slosh", body_names(model.pin)[0], "slosh", "another slosh mass", None, (), (),
@@ -393,7 +393,7 @@ def more_modes(point: Point, problem: Problem) -> Iterator[OscillatorHypothesis]
         )
         yield OscillatorHypothesis(
             "extra_mode", part.name, "appendage", "another mode", None, (), (),
-            name=_unused(point, f"{part.name}_more"), springs=springs, frequencies=_grid(problem, MODE),
+            name=_unused_name(point, f"{part.name}_more"), springs=springs, frequencies=_grid(problem, MODE),
             appendage=part.name, turn=turn.T, root=root,
         )  # fmt: skip
 
@@ -414,13 +414,13 @@ def higher_modes(point: Point, problem: Problem) -> Iterator[HigherMode]:
             mode = beam.higher_mode(number)
             if mode is None:
                 break
-            name = _unused(point, f"beam_mode_{beam.name}_{number}")
+            name = _unused_name(point, f"beam_mode_{beam.name}_{number}")
             candidate = HigherMode.of(beam.name, mode, joints.placement, number, name)
             if candidate.highest * PER_CYCLE < rate:
                 yield candidate
 
 
-def _unused(point: Point, name: str) -> str:
+def _unused_name(point: Point, name: str) -> str:
     taken = {e.name for e in point.description.effect}
     return next(n for n in (name, *(f"{name}{k}" for k in range(2, 99))) if n not in taken)
 

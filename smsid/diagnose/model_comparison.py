@@ -198,7 +198,9 @@ def is_distinguishable(winner: Score, rival: Score, samples: int, levels: Detect
             return -lead < float(chi2.isf(THRESHOLDS.nested, more))
         if set(a.free) <= set(b.free):
             weak = winner.ratio <= levels.linear  # else what it adds would show
-            return -lead < float(chi2.isf(THRESHOLDS.nested, more)) and not (weak and _open(winner, rival))
+            return -lead < float(chi2.isf(THRESHOLDS.nested, more)) and not (
+                weak and _may_add_much(winner, rival)
+            )
         if lead < levels.alias and correlation(winner, rival) > THRESHOLDS.contained_better:
             return False
     if more > 0 and winner.freedom == 1 and lead < levels.alias:
@@ -208,7 +210,7 @@ def is_distinguishable(winner: Score, rival: Score, samples: int, levels: Detect
     return winner.odds(samples) - rival.odds(samples) >= levels.alias
 
 
-def _open(winner: Score, rival: Score) -> bool:
+def _may_add_much(winner: Score, rival: Score) -> bool:
     """Whether what a rival has beside the winner's parameters may be half as large as these are."""
     mine = np.array([n in winner.candidate.free for n in rival.candidate.free])
     spread = np.sqrt(np.diag(rival.covariance))[~mine]
@@ -304,7 +306,7 @@ def _fit_further_parameters(found: MapFit, candidate: Candidate) -> MapFit:
     """Return the fit with a candidate's further parameters free too where they gain what they cost: all of
     them, else those that do alone (the components of a vector together).
     """
-    more, price = _promising(found, candidate), float(np.log(found.run.samples))
+    more, price = _promising_parameters(found, candidate), float(np.log(found.run.samples))
 
     def freed(some: Sequence[Unknown]) -> tuple[float, MapFit]:
         try:
@@ -366,7 +368,7 @@ def with_further(found: MapFit, causes: Sequence[Cause]) -> MapFit | None:
     return None
 
 
-def _promising(found: MapFit, candidate: Candidate) -> list[Unknown]:
+def _promising_parameters(found: MapFit, candidate: Candidate) -> list[Unknown]:
     """Return further parameters of a candidate that a fit holds, where slopes promise that they pay."""
     more = unfitted_parameters(found, candidate)
     try:

@@ -265,7 +265,7 @@ def _with_noise(found: InflatedFit) -> InflatedFit:
         factor = noise_factors(found.fit.problem.data, _told_by_noise(found.fit.problem, found.fit.run))
         if np.abs(factor - 1.0).max() < 0.03:
             break
-        found = _scaled(found, factor)
+        found = _fit_scaled_noise(found, factor)
     return found
 
 
@@ -291,14 +291,16 @@ def with_misfit(found: InflatedFit) -> InflatedFit:
         factor = np.maximum(found.factors * factor, 1.0) / found.factors
         LOGGER.info("misfit: factors %.3g to %.3g more", factor.min(), factor.max())
         # what candidates are scored on is linear anyway: no need to be nearer than that
-        found = replace(_scaled(found, factor, iterations=4, enough=NEAR, coloured=True), misfit=True)
+        found = replace(
+            _fit_scaled_noise(found, factor, iterations=4, enough=NEAR, coloured=True), misfit=True
+        )
         if np.abs(np.log(factor)).max() < 0.1:
             break
     near = normalised_rmse(found.fit.run, found.factors) <= FOLLOWED
     return (_exact(found) if near else None) or found
 
 
-def _scaled(
+def _fit_scaled_noise(
     found: InflatedFit,
     factor: np.ndarray,
     iterations: int = 8,

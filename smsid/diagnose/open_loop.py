@@ -44,7 +44,7 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
     used, best = closed.used, replace(alone.simulated(at), used=closed.used)
     by_start, exact = _by_start(closed, model.nv), False
     level = _levels(data, best)
-    cost = _cost(best, level)
+    cost = _squared_errors(best, level)
     for _ in range(STEPS):
         jacobian = by_start / level[None, :, None]
         flat = jacobian.reshape(-1, jacobian.shape[2])
@@ -64,17 +64,17 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
             except SimulationError as error:
                 LOGGER.info("initial state refused: %s", error)
                 continue
-            if _cost(run, level) < cost:
+            if _squared_errors(run, level) < cost:
                 better = trial, run
                 break
         if better is None and exact:
             break
         at, best = better or (at, best)
-        exact = cost - _cost(best, level) < TRUE * promised
+        exact = cost - _squared_errors(best, level) < TRUE * promised
         if exact:  # curved, or not followed as the filter does: derivatives are those of here
             by_start = _by_start(alone.simulated(at, derive=True), model.nv)
         level = _levels(data, best)
-        cost = _cost(best, level)
+        cost = _squared_errors(best, level)
     return best
 
 
@@ -131,7 +131,7 @@ def _levels(data: Measurements, run: FilterRun) -> np.ndarray:
     return out
 
 
-def _cost(run: FilterRun, level: np.ndarray) -> float:
+def _squared_errors(run: FilterRun, level: np.ndarray) -> float:
     return float(np.sum((np.where(run.used, run.errors, 0.0) / level) ** 2))
 
 

@@ -385,7 +385,7 @@ class GravityGradientHypothesis(Candidate):
         effect = (
             effects[0]
             if ratio < THRESHOLDS.vertical_seen
-            else self._turning(found, effects, size * self.steps[0])
+            else self._best_turning_vertical(found, effects, size * self.steps[0])
         )
         moved = [np.cross(h, vertical) for h in SMALL * np.eye(3)]
         ends = [coefficients(vertical + d) - coefficients(vertical - d) for d in moved]
@@ -400,13 +400,17 @@ class GravityGradientHypothesis(Candidate):
         shown = LeftColumns(found, own.columns, by)
         return Score(settled, ratio, freedom, estimate, covariance, excited, shown, own.taken @ by)
 
-    def _turning(self, found: MapFit, effects: Sequence[GravityGradient], gradient: float) -> GravityGradient:
+    def _best_turning_vertical(
+        self, found: MapFit, effects: Sequence[GravityGradient], gradient: float
+    ) -> GravityGradient:
         """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""
-        changes = [self._turned(found, e.model_copy(update={"gradient": gradient})) for e in effects]
+        changes = [
+            self._turning_sensitivity(found, e.model_copy(update={"gradient": gradient})) for e in effects
+        ]
         (own,) = found.projected([propagate(found.run, changes).reshape(-1, len(effects))])
         return effects[int(np.argmin(own.gram.diagonal() - 2.0 * own.slope))]
 
-    def _turned(self, found: MapFit, effect: GravityGradient) -> Sensitivity:
+    def _turning_sensitivity(self, found: MapFit, effect: GravityGradient) -> Sensitivity:
         """Return what a field does whose vertical turns: what the parts do, as much of each as there is."""
         size, run, parts = effect.gradient / self.steps[0], found.run, changes_of(found, self)
         middle = np.stack([c.middle for c in parts if c.middle is not None])

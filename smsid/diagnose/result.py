@@ -155,12 +155,12 @@ class Diagnosis:
         return self.verdict == "explained" or any("likelihood_ratio" in c.evidence for c in self.causes)
 
     def __repr__(self) -> str:
-        return as_text(*self._told())
+        return as_text(*self._title_and_rows())
 
     def _repr_html_(self) -> str:
-        return as_html(*self._told())
+        return as_html(*self._title_and_rows())
 
-    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+    def _title_and_rows(self) -> tuple[str, list[tuple[str, str]]]:
         rows = [("sentence", self.sentence)]
         for cause in self.causes:
             for p in cause.parameters:
@@ -256,38 +256,38 @@ def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
 
 def _diagnosis(document: Mapping[str, Any]) -> Diagnosis:
     gain = document["gain"]
-    channels = tuple(_made(ChannelGain, c) for c in gain.get("channels", ()))
+    channels = tuple(_from_table(ChannelGain, c) for c in gain.get("channels", ()))
     tests = document.get("tests") or {}
-    return _made(
+    return _from_table(
         Diagnosis,
         document,
         recordings=tuple(document["recordings"]),
         causes=tuple(map(_cause, document["causes"])),
         partial=tuple(map(_cause, document.get("partial", ()))),
-        gain=_made(Gain, gain, channels=channels) if gain["status"] == "evaluated" else None,
+        gain=_from_table(Gain, gain, channels=channels) if gain["status"] == "evaluated" else None,
         gain_reason=gain.get("reason", ""),
-        remaining=tuple(_made(SignificantTest, r) for r in document["remaining"]),
-        limits=tuple(_made(Limit, x) for x in document["limits"]),
+        remaining=tuple(_from_table(SignificantTest, r) for r in document["remaining"]),
+        limits=tuple(_from_table(Limit, x) for x in document["limits"]),
         notes=tuple(document["notes"]),
-        tests={k: tuple(_made(SignificantTest, t) for t in found) for k, found in tests.items()},
+        tests={k: tuple(_from_table(SignificantTest, t) for t in found) for k, found in tests.items()},
         **{k: {n: x["value"] for n, x in document[k].items()} for k in ("noise", "whitened_rms", "timing")},
     )
 
 
 def _cause(table: Mapping[str, Any]) -> FoundCause:
     values = tuple(_value(p) for p in table["parameters"])
-    aliases = tuple(_made(Alias, a) for a in table["aliases"])
-    return _made(FoundCause, table, parameters=values, aliases=aliases)
+    aliases = tuple(_from_table(Alias, a) for a in table["aliases"])
+    return _from_table(FoundCause, table, parameters=values, aliases=aliases)
 
 
 def _value(table: Mapping[str, Any]) -> Value:
     ends = table.get("profile")
     low, high = ends or (None, None)
     limits = (-np.inf if low is None else low, np.inf if high is None else high)
-    return _made(Value, table, profile=limits if ends else None)
+    return _from_table(Value, table, profile=limits if ends else None)
 
 
-def _made(kind: type[T], table: Mapping[str, Any], **own: Any) -> T:
+def _from_table(kind: type[T], table: Mapping[str, Any], **own: Any) -> T:
     """Return a dataclass from a table of JSON, where numbers that are not finite are null."""
     found = {
         f.name: float("nan") if table[f.name] is None and f.type == "float" else table[f.name]

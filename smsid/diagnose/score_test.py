@@ -154,7 +154,7 @@ class Candidate:
             return self._only(kept).scored(found, own.only(kept))
         estimate, covariance, ratio, values = least_squares(own.gram, own.slope, raw)
         excited = float(values.min(initial=1.0)) if (raw > 0.0).all() else 0.0
-        if int((raw > 0.0).sum()) == 1 and not _allowed(self, estimate):
+        if int((raw > 0.0).sum()) == 1 and not _is_within_bounds(self, estimate):
             ratio = 0.0
         freedom = int((values > EXCITED).sum())
         sides = 1 if freedom == 1 and self.one_sided else 2
@@ -349,7 +349,7 @@ def least_squares(
     return (directions @ scaled) / size, covariance, float(scaled @ scaled), values
 
 
-def _allowed(candidate: Candidate, estimate: np.ndarray) -> bool:
+def _is_within_bounds(candidate: Candidate, estimate: np.ndarray) -> bool:
     if candidate.effect is None:
         return True
     by_name = {p.name: p for p in candidate.effect.parameters()}

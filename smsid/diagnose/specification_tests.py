@@ -135,7 +135,7 @@ def adequacy(found: MapFit) -> list[SpecificationTest]:
     named: list[Named] = [(e.name, e.location, on, own) for e in asked for on, own in _dependences(found, e)]
     named += [(channel, channel, on, own) for channel, on, own in _channels(found)]
     blocks = []
-    for some in _grouped(named):
+    for some in _group_tests(named):
         changes = [c for *_, own in some for c in own]
         whitened = propagate(found.run, changes).reshape(-1, len(changes))
         ends = np.cumsum([len(own) for *_, own in some])[:-1]
@@ -148,7 +148,7 @@ def adequacy(found: MapFit) -> list[SpecificationTest]:
     return sorted(blocks, key=lambda b: b.order)
 
 
-def _grouped(named: Sequence[Named]) -> Iterator[Sequence[Named]]:
+def _group_tests(named: Sequence[Named]) -> Iterator[Sequence[Named]]:
     """Yield tests in groups of about `TOGETHER` columns."""
     count = np.cumsum([len(own) for *_, own in named]) // TOGETHER
     for group in np.unique(count):

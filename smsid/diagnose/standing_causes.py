@@ -48,7 +48,7 @@ def find_standing_causes(
         and all((a.location, a.family) == (told.location, told.family) for a in told.aliases)
         and (mostly or not here)
         and (found.misfit or not own_component_left(found, cause))
-        and _needed(found, cause, found.last if here else last)
+        and _is_needed(found, cause, found.last if here else last)
         for cause, told, here in zip(found.causes, named, there, strict=True)
     ]
     elsewhere = [yes and not here for yes, here in zip(stand, there, strict=True)]
@@ -60,7 +60,7 @@ def find_standing_causes(
     return by, tuple(told if yes else None for yes, told in zip(stand, own, strict=True))
 
 
-def _needed(found: Search, cause: Cause, rest: MapFit) -> bool:
+def _is_needed(found: Search, cause: Cause, rest: MapFit) -> bool:
     """Whether a cause is needed where what is left is taken as unknown, and is there at all."""
     own = cause.score.candidate
     if each_may_be_zero(rest, own):  # a frequency may be known where the mass is none

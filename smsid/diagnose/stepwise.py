@@ -128,7 +128,7 @@ def search(
     clock.append(time.process_time())
     before = tuple(adequacy(state.nominal)) if state.causes else blocks
     sensor = state.fitted.alone and not state.causes
-    if not (state.fitted.misfit or sensor) and _unexplained(state, blocks, coarse):  # of no law, perhaps
+    if not (state.fitted.misfit or sensor) and _is_unexplained(state, blocks, coarse):  # of no law, perhaps
         before = tuple(sorted((*before, *unknown_input_tests(state.nominal)), key=lambda b: b.order))
     clock.append(time.process_time())
     return Search(
@@ -216,19 +216,19 @@ def _apply_generic_tests(state: State, coarse: frozenset[str]) -> tuple[Specific
     return them.
     """
     blocks = (*state.held, *adequacy(state.current))
-    if not state.fitted.misfit and _unexplained(state, blocks, coarse):
+    if not state.fitted.misfit and _is_unexplained(state, blocks, coarse):
         larger = with_further(state.current, state.causes)
         again = () if larger is None else (*state.held, *adequacy(larger))
-        if larger is not None and not _unexplained(state, again, coarse):
+        if larger is not None and not _is_unexplained(state, again, coarse):
             state.take(larger)
             blocks = again
-    if state.fitted.misfit or not _unexplained(state, blocks, coarse):  # else no cause is named anyway
+    if state.fitted.misfit or not _is_unexplained(state, blocks, coarse):  # else no cause is named anyway
         left_out = state.guarded(PRUNING, state.prune)
         blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
     return blocks
 
 
-def _unexplained(state: State, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:
+def _is_unexplained(state: State, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:
     return bool(_significant(blocks, state.causes, state.levels, coarse))
 
 

@@ -101,12 +101,12 @@ class HigherMode(ProfiledHypothesis):
         forces = unit_response(changes, self.springs, place, (at, middle))
         found = []
         for f, force in enumerate(forces):
-            reading = self._reading(changes, -at[:, f, 0, 0])
+            reading = self._station_readings(changes, -at[:, f, 0, 0])
             step = STEPS[0]
             found.append(replace(force.times(step * mass), reading=step * reading))
         return found
 
-    def _reading(self, changes: Sensitivities, acceleration: np.ndarray) -> np.ndarray:
+    def _station_readings(self, changes: Sensitivities, acceleration: np.ndarray) -> np.ndarray:
         """Return what stations read (N, rows) of accelerations (N,) of the mass along its axis."""
         out = np.zeros((len(acceleration), changes.problem.data.rows))
         for block in changes.problem.data.blocks:

@@ -99,7 +99,7 @@ def gain(
             run = run_filter(model, problem)
         samples.append(run.samples)
         excess.append(float((run.innovations**2).sum()) - run.samples)
-        alone = _simulated(model, problem, run)
+        alone = _simulate_open_loop(model, problem, run)
         opened.append(None if alone is None else alone.errors)
     for of_models in (samples, excess, opened):
         of_models += of_models[1:2] if len(reads) == 2 else []
@@ -142,7 +142,7 @@ def read_like(
     return model, at_point(fit(point, own, problem, iterations=OWN).point, problem) if own else problem
 
 
-def _simulated(model: SpacecraftModel, problem: Problem, closed: FilterRun) -> FilterRun | None:
+def _simulate_open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun) -> FilterRun | None:
     """Return a simulation from the initial state the model fits; nothing where it loses the motion."""
     try:
         return open_loop(model, problem, closed)

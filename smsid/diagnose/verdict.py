@@ -97,7 +97,7 @@ def values(
     and so does when it and the others began.
     """
     unknowns: dict[str, Unknown] = {u.name: u for u in found.last.unknowns}
-    assumed = _assumed(found, candidate)
+    assumed = _assumed_parameters(found, candidate)
     covariance = (found.last.with_unfitted(assumed) if assumed else found.last).covariance()
     names = [u.name for u in found.last.unknowns]
     covariance = covariance[: len(names), : len(names)] + sum(s.covariance for s in starts.values())
@@ -114,7 +114,7 @@ def values(
     return tuple(out)
 
 
-def _assumed(found: Search, candidate: Candidate) -> list[Unknown]:
+def _assumed_parameters(found: Search, candidate: Candidate) -> list[Unknown]:
     if candidate.effect is None:
         return []
     fitted = {u.name for u in found.last.unknowns}
@@ -156,7 +156,7 @@ def limits(found: Search) -> tuple[Limit, ...]:
     out = []
     for s in found.scores:
         c = s.candidate
-        units = {u.name: u.unit for u in (*found.last.unknowns, *_own(c))}
+        units = {u.name: u.unit for u in (*found.last.unknowns, *_own_unknowns(c))}
         for i, (name, step) in enumerate(zip(c.free, c.steps, strict=True)):
             sigma = step * float(np.sqrt(max(s.covariance[i, i], 0.0)))
             if i and sigma == 0.0:
@@ -166,7 +166,7 @@ def limits(found: Search) -> tuple[Limit, ...]:
     return tuple(out)
 
 
-def _own(candidate: Candidate) -> tuple[Unknown, ...]:
+def _own_unknowns(candidate: Candidate) -> tuple[Unknown, ...]:
     return candidate.unknowns(()) if candidate.effect is not None else ()
 
 

@@ -25,25 +25,25 @@ def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: b
     of what makes it do something alone; its frequency may be known where its mass is not. Beside misfit it is
     one as unlikely by chance as what it is over the errors along its own signature (`MapFit.slow_errors`).
     """
-    index, shift = _moved(found, candidate)
+    index, shift = _shift_from_nothing(found, candidate)
     if strength:
         index, shift = index[strengths(candidate)], shift[strengths(candidate)]
     still = candidate.also if held else ()
     covariance = found.covariance(still, white=True)[index][:, index]
     if not found.problem.coloured:
-        return _squares(shift, covariance)
+        return _squared_length(shift, covariance)
     # levels that were read with the cause in the errors bound the statistic, not its spread as it is now
     sigma = np.sqrt(np.diag(covariance))
     wider = np.linalg.norm(found.slow_errors(still)[index], axis=1) / np.where(sigma > 0.0, sigma, 1.0)
     wider, d = np.maximum(wider, 1e-9), int((sigma > 0.0).sum())
-    far = _squares(shift, covariance * np.outer(wider, wider))
+    far = _squared_length(shift, covariance * np.outer(wider, wider))
     return float(chi2.isf(fisher.sf(far / d, d, THRESHOLDS.cosines), d)) if d else 0.0
 
 
 def distance(found: MapFit, candidate: Candidate) -> float:
     """Return how many standard deviations, in squares, a candidate's parameters are from doing nothing."""
-    index, shift = _moved(found, candidate)
-    return _squares(shift, found.covariance()[index][:, index])
+    index, shift = _shift_from_nothing(found, candidate)
+    return _squared_length(shift, found.covariance()[index][:, index])
 
 
 def chance_of_nothing(found: MapFit, candidate: Candidate, before: MapFit, *, held: bool = False) -> float:
@@ -108,7 +108,7 @@ def as_fitted(score: Score, found: MapFit) -> Score:
     )
 
 
-def _moved(found: MapFit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def _shift_from_nothing(found: MapFit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """Return the places (d,) of a candidate's parameters in a fit, and how far they moved (d,): nothing where
     what makes it do something has not, whatever its spring and its place are.
     """
@@ -119,7 +119,7 @@ def _moved(found: MapFit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]
     return index, np.zeros_like(shift) if still else shift
 
 
-def _squares(shift: np.ndarray, covariance: np.ndarray) -> float:
+def _squared_length(shift: np.ndarray, covariance: np.ndarray) -> float:
     """Return the squared length of a shift (d,) in units of a covariance (d, d), of what has a variance."""
     told = np.diag(covariance) > 0.0
     if not told.any():

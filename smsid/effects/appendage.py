@@ -206,7 +206,7 @@ class BeamAppendage(Appendage):
 
         What corrects single modes goes into them. One that another effect needs as a beam stays a beam.
         """
-        if self._needed(effects):
+        if self._is_needed_by(effects):
             return self
         panel = self.as_modal(modes=self.described_modes(effects))
         numbered = [(f"mode{k}", mode) for k, mode in enumerate(panel.mode, start=1)]
@@ -227,9 +227,9 @@ class BeamAppendage(Appendage):
 
     def identified_as(self, modal: ModalAppendage, effects: Sequence[Effect]) -> Sequence[Effect]:
         """Return it as a beam where another effect needs one, else as modal data."""
-        return self.bent_as(modal) if self._needed(effects) else (modal,)
+        return self.bent_as(modal) if self._is_needed_by(effects) else (modal,)
 
-    def _needed(self, effects: Sequence[Effect]) -> bool:
+    def _is_needed_by(self, effects: Sequence[Effect]) -> bool:
         return any(e.needs_beam and e.part_of() == self.name for e in effects)
 
     def bent_as(self, identified: Appendage) -> list[Effect]:

@@ -251,20 +251,20 @@ class Assembly:
 
         A `ForceLaw` does, and may be compiled.
         """
-        self.forces.append(self._noted(self._attached(term, depends)))
+        self.forces.append(self._note_owner(self._attach_term(term, depends)))
 
     def add_load_force(self, term: ForceTerm, depends: Depends | None = None, *, first: bool = False) -> None:
         """Add a generalised force that depends on the applied ones: it finds these in tau.
 
         ``first`` puts it before others, as one that hands the applied forces on.
         """
-        self.loads.insert(0 if first else len(self.loads), self._noted(self._attached(term, depends)))
+        self.loads.insert(0 if first else len(self.loads), self._note_owner(self._attach_term(term, depends)))
 
     def add_inertia_term(self, term: InertiaTerm) -> None:
         """Add inertia that no body of the model can have: varying in time, or not of a rigid body."""
-        self.inertias.append(self._noted(term))
+        self.inertias.append(self._note_owner(term))
 
-    def _attached(self, term: ForceTerm, depends: Depends | None) -> ForceTerm:
+    def _attach_term(self, term: ForceTerm, depends: Depends | None) -> ForceTerm:
         start = None if self.owner is None else self.owner.onset
         if isinstance(term, ForceLaw):
             term.start = term.start if start is None else start
@@ -273,7 +273,7 @@ class Assembly:
             return term
         return AttachedForce(term, depends, -np.inf if start is None else start)
 
-    def _noted(self, term: Term) -> Term:
+    def _note_owner(self, term: Term) -> Term:
         """Remember whose a term is, and the time at which it begins."""
         if self.owner is not None:
             self.owned.append((self.owner.name, term))

@@ -214,7 +214,7 @@ class Effect(StrictTable):
             else:
                 own[field] = float(value)
         try:
-            return self._validated(data)
+            return self._validate(data)
         except ValidationError as cause:
             reasons = "; ".join(
                 ".".join(str(part) for part in e["loc"]) + f" {e['msg'].removeprefix('Value error, ')}"
@@ -225,7 +225,7 @@ class Effect(StrictTable):
                 advice="Keep them within bounds.",
             ) from cause
 
-    def _validated(self, data: Mapping[str, Any]) -> Self:
+    def _validate(self, data: Mapping[str, Any]) -> Self:
         """Return the effect of other values; one that only a description must obey may relax here."""
         return type(self).model_validate(data)
 

@@ -55,7 +55,7 @@ class BeamMode(BeamEffect):
         Raises `DescriptionError` unless the appendage is a beam that has not got the mode.
         """
         panel, beam = self.beam(assembly)
-        mode = self._missing(panel, beam)
+        mode = self._missing_mode(panel, beam)
         if self.factor == 0.0:
             return
         own = mode.heavier(self.factor)
@@ -71,7 +71,7 @@ class BeamMode(BeamEffect):
         seen = tuple(tuple(share * scale * x for x in station) for station in mode.shape)
         assembly.appendages[assembly.appendages.index(panel)] = panel.with_mode(self.mode, joint, seen)
 
-    def _missing(self, panel: AppendageJoints, beam: BeamAppendage) -> Mode:
+    def _missing_mode(self, panel: AppendageJoints, beam: BeamAppendage) -> Mode:
         if self.mode <= beam.modes or self.mode in {m.number for m in panel.more}:
             raise DescriptionError(
                 f"'{beam.name}' has mode {self.mode} already.",

@@ -203,7 +203,7 @@ class GraspedBody(Effect):
         """Add the body; raises `DescriptionError` when it and the link together are not physical."""
         assembly.add_remainder(self.frame, self.inertial_parameters(), pin.SE3.Identity())
 
-    def _validated(self, data: Mapping[str, Any]) -> Self:
+    def _validate(self, data: Mapping[str, Any]) -> Self:
         return type(self).model_validate(data, context={"estimated": True})
 
 

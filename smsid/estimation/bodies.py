@@ -248,7 +248,7 @@ def with_estimate(description: Description, estimate: Estimate) -> tuple[Descrip
             continue
         own = {}
         for p in effect.parameters():
-            value = _taken(p.name, p.value, estimate, notes)
+            value = _value_to_take(p.name, p.value, estimate, notes)
             if value is None:
                 continue
             own[p.name] = float(np.clip(value, p.lower, p.upper))
@@ -265,7 +265,7 @@ def left_note(name: str) -> str:
     return f"{name} is not identifiable and stays as described"
 
 
-def _taken(name: str, described: float, estimate: Estimate, notes: list[str]) -> float | None:
+def _value_to_take(name: str, described: float, estimate: Estimate, notes: list[str]) -> float | None:
     if name not in estimate:
         return None
     found = estimate[name]
@@ -281,16 +281,16 @@ def _appendage(
     description: Description, effect: Appendage, estimate: Estimate, notes: list[str]
 ) -> ModalAppendage | None:
     """Return an appendage as identified, with all its modes; ``None`` where nothing was."""
-    factor = _taken(f"{effect.name}.participation_factor", 1.0, estimate, notes)
+    factor = _value_to_take(f"{effect.name}.participation_factor", 1.0, estimate, notes)
     heavy = effect.mass_parameter()
-    density = None if heavy.unit == "1" else _taken(heavy.name, heavy.value, estimate, notes)
+    density = None if heavy.unit == "1" else _value_to_take(heavy.name, heavy.value, estimate, notes)
     factor = factor if density is None else density / heavy.value
     modes = {}
     described = effect.described_modes(description.effect)
     for k, mode in enumerate(described, start=1):
         for field in ("frequency", "damping"):
             name = f"{effect.name}.mode{k}.{field}"
-            value = _taken(name, getattr(mode, field), estimate, notes)
+            value = _value_to_take(name, getattr(mode, field), estimate, notes)
             if value is not None:
                 modes[name] = max(value, 0.0)
     if factor is None and not modes:

@@ -96,7 +96,7 @@ def contradictions_of(
         rest = [x for x in parts if x is not part]
         grams = part.gram, np.sum([x.gram for x in rest], axis=0)
         slopes = part.slope, np.sum([x.slope for x in rest], axis=0)
-        sides = [_told(g, prior) for g in grams]
+        sides = [_covariances(g, prior) for g in grams]
         covariances = [covariance for covariance, _ in sides]
         apart = covariances[0] @ slopes[0] - covariances[1] @ slopes[1]
         # what both have from the prior is no difference: of each only what its data say
@@ -150,7 +150,7 @@ def contradicting(found: Sequence[Contradiction]) -> NotIdentifiableError:
     )
 
 
-def _told(gram: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _covariances(gram: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return C = (G + P)^-1 and C G C (m, m), P diagonal.
 
     By the eigenvalues of G in standard deviations of the prior: products of the matrices themselves lose what

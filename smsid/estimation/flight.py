@@ -185,7 +185,7 @@ def _drives(
         if not len(group):
             continue
         seen = [b for b in data.blocks if b.quantity in quantities]
-        moves = _moving(data, seen, len(group))
+        moves = _moving_joints(data, seen, len(group))
         for i, (name, v) in enumerate(zip(group.names, group.v, strict=True)):
             commanded = torque in inputs
             if seen and not moves[i] and name not in by_torque:
@@ -220,7 +220,7 @@ def _drives(
     return drives, notes
 
 
-def _moving(data: Measurements, blocks: list[ChannelSlice], size: int) -> np.ndarray:
+def _moving_joints(data: Measurements, blocks: list[ChannelSlice], size: int) -> np.ndarray:
     """Return which joints (size,) move by more than their sensors' noise; all where none is measured.
 
     So does a wheel at a constant speed.
@@ -253,7 +253,9 @@ def _disturbances(
     if options.torque is None and "force" in inputs and rates:
         thrust = float(np.nanmax(np.abs(np.asarray(recording[inputs["force"]])), initial=0.0))
         others = [inputs[x] for x in ("torque", "wheel_torque") if x in inputs]
-        turned = any(np.any(np.asarray(recording[c])) for c in others) or bool(_moving(data, rates, 3).any())
+        turned = any(np.any(np.asarray(recording[c])) for c in others) or bool(
+            _moving_joints(data, rates, 3).any()
+        )
         if thrust > 0.0 and not turned:
             size = UNKNOWN * thrust * (float(np.linalg.norm(model.thrust_point)) + 1.0)
             walk = 0.5 * size / float(np.sqrt(np.median(np.diff(data.times))))

@@ -46,7 +46,7 @@ def search_flights(
     Raises `NotIdentifiableError` where the search does not come to rest, or recordings that are explained
     one by one contradict each other; `SimulationError` where the description loses a recording at once.
     """
-    point, near, share = _approached(described, unknowns, flights, tell)
+    point, near, share = _approach(described, unknowns, flights, tell)
     several = len({f.label for f in flights}) > 1
     if several and share > ASTRAY:
         several = False
@@ -59,7 +59,7 @@ def search_flights(
         raise
 
 
-def _approached(
+def _approach(
     described: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight], tell: Tell | None
 ) -> tuple[Point, list[Flight], float]:
     """Return where a strict search may begin, the flights for it, and how much the model errs there at best.
@@ -144,7 +144,7 @@ def _refuse_contradicting(
             tell(f"'{label}' by itself")
         own = [f for f in flights if f.label == label]
         try:
-            point, near, _ = _approached(described, unknowns, own, tell)
+            point, near, _ = _approach(described, unknowns, own, tell)
             found = maximise(point, unknowns, near, enough=NEAR, tell=tell)[0]
         except SmsidError as error:
             LOGGER.info("'%s' by itself: %s", label, error)

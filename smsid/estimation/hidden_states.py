@@ -81,12 +81,12 @@ def hidden_states(found: FlightEstimate, *, parameters: bool = True) -> Recordin
 
 def _of_flight(found: FlightEstimate, flight: Flight, parameters: bool) -> Iterator[_HiddenChannel]:
     equations = found.found
-    model, smoothed = _smoothed(equations.point, flight)
+    model, smoothed = _smooth_flight(equations.point, flight)
     shown = list(_states(model, smoothed, flight))
     if parameters and shown:
         variance = [x.sigma**2 for x in shown]
         for moved, size in _neighbours(equations):
-            other = list(_states(*_smoothed(moved, flight), flight))
+            other = list(_states(*_smooth_flight(moved, flight), flight))
             for v, a, b in zip(variance, shown, other, strict=True):
                 v += ((b.values - a.values) / size) ** 2 * found.quality.widening**2
         shown = [
@@ -97,7 +97,7 @@ def _of_flight(found: FlightEstimate, flight: Flight, parameters: bool) -> Itera
     yield from _biases(found, flight)
 
 
-def _smoothed(point: Point, flight: Flight) -> tuple[SpacecraftModel, SmoothedStates]:
+def _smooth_flight(point: Point, flight: Flight) -> tuple[SpacecraftModel, SmoothedStates]:
     """Return the model at a point and the states of a flight under it, with sensors as they are there."""
     model = point.model()
     return model, smoothed_states(model, problem_at(point, flight))

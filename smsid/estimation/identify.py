@@ -100,7 +100,11 @@ def identify_spacecraft(
         return identify_by_the_paper(description, recordings)
     sensors = description.effective_sensors()
     doubts = consistency_notes([without_known_errors(r, sensors) for r in recordings])
-    reason = "asked for" if method == "filter" else _listed(description) or _stated(description, recordings)
+    reason = (
+        "asked for"
+        if method == "filter"
+        else _filter_only_effects(description) or _filter_only_errors(description, recordings)
+    )
     if alone and not reason:
         reason = "single thrusters fire"
     if not reason and options is not None and options != type(options)():
@@ -149,7 +153,7 @@ def identify_by_the_paper(
 
     modal = "printed" if printed else "smoother"
     linear = by_the_paper(description, recordings, modal=modal, refine_pose_point=find_point)
-    unlike = [r for r in map(_beginning, recordings) if not follows(description, r)]
+    unlike = [r for r in map(_first_samples, recordings) if not follows(description, r)]
     wrong = _better_columns(description, unlike, bool(unlike))
     estimate = linear.estimate
     if wrong:
@@ -183,20 +187,20 @@ def _better_columns(description: Description, recordings: Sequence[Recording], b
         return []
     from smsid.estimation.mapping_check import wrong_columns
 
-    return wrong_columns(description, [_beginning(r) for r in recordings])
+    return wrong_columns(description, [_first_samples(r) for r in recordings])
 
 
 def _single_thrusters(recording: Recording) -> bool:
     return any(c in recording for c in ("command.thruster", "command.thruster_force"))
 
 
-def _listed(description: Description) -> str:
+def _filter_only_effects(description: Description) -> str:
     """Return which effects only the filter estimates, if there are any."""
     others = [e.name for e in description.effect if not e.by_batch and e.unknowns()]
     return f"parameters of {', '.join(others)} are to be estimated" if others else ""
 
 
-def _stated(description: Description, recordings: Sequence[Recording]) -> str:
+def _filter_only_errors(description: Description, recordings: Sequence[Recording]) -> str:
     """Return which errors of sensors, as stated, only the filter takes into account, if there are any."""
     present = {c for r in recordings for c in r.channels}
     found = []
@@ -209,11 +213,11 @@ def _stated(description: Description, recordings: Sequence[Recording]) -> str:
     return f"{', '.join(found)} {'is' if len(found) == 1 else 'are'} stated" if found else ""
 
 
-def _started(
+def _starting_point(
     description: Description, recordings: Sequence[Recording], cad: Cad | None
 ) -> tuple[Identification, Identification | Refinement]:
     """Return the paper's result and where to start from: for long flights, what their beginnings tell."""
-    first = [_beginning(r) for r in recordings]
+    first = [_first_samples(r) for r in recordings]
     few = _of_one_kind_each(recordings)
     if any(a is not b for a, b in zip(first, recordings, strict=True)):
         try:
@@ -231,7 +235,7 @@ def _of_one_kind_each(recordings: Sequence[Recording]) -> list[Recording]:
     return [r for r in recordings if r not in floating[1:]]
 
 
-def _beginning(recording: Recording) -> Recording:
+def _first_samples(recording: Recording) -> Recording:
     """Return the first samples of a long flight without thrust, or the recording as it is."""
     clocks = [recording.time(c) for c in recording.channels if not c.startswith(("command.", "truth."))]
     few = min(clocks, key=len, default=[])
@@ -247,7 +251,7 @@ def _batch(
     tell: Callable[[str], None] | None,
     doubts: Sequence[str],
 ) -> IdentificationRun:
-    linear, start = _started(description, recordings, cad)
+    linear, start = _starting_point(description, recordings, cad)
     if tell is not None:
         tell("refining by maximum likelihood")
     try:

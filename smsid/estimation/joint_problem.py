@@ -143,7 +143,7 @@ def timed(point: Point, problem: Problem, *, now: bool = True) -> Problem:
     ``now``: what is taken now stays unless another is clearly better.
     """
     own = recordings_of(at_point(point, problem))
-    points = [_own(point, problem, k) for k in range(len(problem.parts))] or [point]
+    points = [_own_point(point, problem, k) for k in range(len(problem.parts))] or [point]
     found = [timing_of(q, p, p.timing if now else None) for q, p in zip(points, own, strict=True)]
     parts = tuple(replace(p, timing=t) for p, t in zip(problem.parts, found, strict=False))
     return replace(problem, timing=found[0], parts=parts)
@@ -161,13 +161,13 @@ def at_point(point: Point, problem: Problem) -> Problem:
     """
     data, parts = problem.data, []
     for k, part in enumerate(problem.parts):
-        own = _own(point, problem, k)
+        own = _own_point(point, problem, k)
         model = own.model() if point.within else None
         parts.append(replace(part, blocks=data.with_blocks(own.sensors()).blocks, model=model))
     return replace(problem, data=data.with_blocks(point.sensors()), parts=tuple(parts))
 
 
-def _own(point: Point, problem: Problem, number: int) -> Point:
+def _own_point(point: Point, problem: Problem, number: int) -> Point:
     """Return a point as it is in one of the recordings: biases without a label are the first's."""
     label = problem.parts[number].label
     own = point.for_recording(label) if number else point
@@ -188,7 +188,7 @@ class JointSensitivities(Sensitivities):
     def __init__(self, point: Point, model: SpacecraftModel, problem: Problem, run: FilterRun) -> None:
         runs = run_of_each(run)
         models = [part.model or model for part in problem.parts]
-        points = [_own(point, problem, k) if point.within else point for k in range(len(runs))]
+        points = [_own_point(point, problem, k) if point.within else point for k in range(len(runs))]
         own = zip(points, models, recordings_of(problem), runs, strict=True)
         self.each = tuple(Sensitivities(*x) for x in own)
         super().__init__(point, model, problem, run)
@@ -207,7 +207,7 @@ class JointSensitivities(Sensitivities):
         found = [s._difference_ahead(origin, model) for s in self.each]
         return np.concatenate([x for f in found for x in (f, none)][:-1])
 
-    def _applied(self, model: SpacecraftModel) -> AppliedForces:
+    def _applied_forces(self, model: SpacecraftModel) -> AppliedForces:
         found = [
             applied(ProcessModel(model, s.problem.locked), s.problem, driving(model, s.inputs), s.run.edges)
             for s in self.each
@@ -248,10 +248,10 @@ class JointSensitivities(Sensitivities):
         """Return time derivatives of the readings (N, rows) between jumps of the commands."""
         return np.concatenate([s.rates() for s in self.each])
 
-    def _reading(
+    def _reading_change(
         self, base: Point, other: Point, origin: SpacecraftModel, model: SpacecraftModel
     ) -> np.ndarray | None:
-        found = [s._reading(base, other, origin, model) for s in self.each]
+        found = [s._reading_change(base, other, origin, model) for s in self.each]
         parts = [x for x in found if x is not None]
         return np.concatenate(parts) if len(parts) == len(found) else None
 

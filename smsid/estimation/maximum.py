@@ -58,13 +58,13 @@ def equations_at_maximum(
 
     def at(better: NormalEquations) -> NormalEquations:
         nonlocal exact
-        exact = _moved(exact, better) or difference_equations(better, flights)
+        exact = _one_step_on(exact, better) or difference_equations(better, flights)
         return exact
 
     return _climb(exact, flights, ENOUGH, ROUNDS, tell, at)[0]
 
 
-def _moved(exact: NormalEquations, better: NormalEquations) -> NormalEquations | None:
+def _one_step_on(exact: NormalEquations, better: NormalEquations) -> NormalEquations | None:
     """Return normal equations by differences a step on, as their quadratic form has them; ``None`` where the
     step was not little, or gained otherwise than the form promised.
     """

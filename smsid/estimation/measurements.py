@@ -215,7 +215,7 @@ def measurements_of(
         stations = samples.shape[1] if samples.ndim == 3 else 1
         samples[sensor.error(quantity).meaningless(clock, samples)] = np.nan
         flat = samples.reshape(len(clock), -1)
-        placed = _placed(times, clock, flat)
+        placed = _place_on_clock(times, clock, flat)
         if quantity == "attitude":
             attitudes[channel] = placed
             placed = np.where(np.isnan(placed[:, :3]), np.nan, 0.0)
@@ -278,7 +278,7 @@ def _fill_gaps(times: np.ndarray, longest: float) -> np.ndarray:
     return np.append(starts + count * widths, times[-1])
 
 
-def _placed(times: np.ndarray, clock: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _place_on_clock(times: np.ndarray, clock: np.ndarray, values: np.ndarray) -> np.ndarray:
     if len(clock) == len(times) and np.abs(clock - times).max() < 1e-9:
         return values
     out = np.full((len(times), values.shape[1]), np.nan)
@@ -311,12 +311,14 @@ def stated_noise(sensor: Sensor, quantity: str, rate: float, shape: tuple[int, .
     for place, part in errors.parts(whole):
         step[place] = np.maximum(step[place], part.quantisation)
         if part.outlier_rate and part.outlier_size:
-            wild[place] += part.outlier_rate * part.outlier_size**2 * _kept(sigma[place] / part.outlier_size)
+            wild[place] += (
+                part.outlier_rate * part.outlier_size**2 * _kept_variance(sigma[place] / part.outlier_size)
+            )
     step *= 2.0 if attitude else 1.0
     return np.sqrt(sigma**2 + step**2 / 12.0 + wild).ravel()
 
 
-def _kept(sigma: np.ndarray) -> np.ndarray:
+def _kept_variance(sigma: np.ndarray) -> np.ndarray:
     """Return which part of the variance of outliers is that of those within `OUTLIER` of ``sigma``.
 
     ``sigma`` is in the outliers' own standard deviation; those beyond are left out (`outliers`).

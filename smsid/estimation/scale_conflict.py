@@ -82,13 +82,13 @@ def scale_conflict(
             wrong.append(((error / sigma) ** 2, (channel, ratio), step))
     wrong.sort(key=lambda x: -x[0])
     least = 0.5 * (APART * widening) ** 2
-    if not any(_gained(whole, flights, step, least) for _, _, step in wrong):
+    if not any(_is_gained(whole, flights, step, least) for _, _, step in wrong):
         return None, tuple(untold)
     likely = tuple(scale for chi2, scale, _ in wrong if chi2 > RIVAL * wrong[0][0])
     return ScaleConflict(likely), tuple(untold)
 
 
-def _gained(whole: NormalEquations, flights: Sequence[Flight], step: np.ndarray, least: float) -> bool:
+def _is_gained(whole: NormalEquations, flights: Sequence[Flight], step: np.ndarray, least: float) -> bool:
     """Whether the log-posterior rises by so much along a step (m,), in scales: then its maximum does, too.
 
     A slope alone may promise what bends away: some parameters are told by no straight line.

@@ -109,7 +109,7 @@ class Sensitivities:
         self.sensors = point.sensors()
         self.inputs = problem.inputs(model)
         self.driving = driving(model, self.inputs) if forces is None else forces
-        self.applied = self._applied(model)
+        self.applied = self._applied_forces(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[int, Sensitivity] = {}
         self._own: dict[tuple[str, bool], np.ndarray] = {}
@@ -167,12 +167,15 @@ class Sensitivities:
                 else [np.zeros_like(s.tau) for s in (self.run.middle, self.run.states)]
             )
             if cls.drive is not Effect.drive:
-                new, old = self._applied(model), self._applied(origin) if known else self.applied
+                new, old = (
+                    self._applied_forces(model),
+                    self._applied_forces(origin) if known else self.applied,
+                )
                 pushed[0] += new.middle - old.middle
                 pushed[1] += (new.at - old.at)[: len(pushed[1])]
             pushed = pushed[0] / step, pushed[1] / step
         adjusts = cls.adjust is not Effect.adjust or cls.resolved is not Effect.resolved
-        reading = self._reading(base, other if adjusts else base, origin, model)
+        reading = self._reading_change(base, other if adjusts else base, origin, model)
         found = Sensitivity.of(pushed, None if reading is None else reading / step)
         if forces and changed.has_fast_dynamics():
             return replace(found, middle=None, ahead=self._difference_ahead(origin, model) / step)
@@ -191,7 +194,7 @@ class Sensitivities:
         here = zip(run.states.q[:moves], step[:, :nv], strict=True)
         q = np.array([pin.integrate(self.model.pin, *x) for x in here]).reshape(moves, self.model.nq)
         v = run.states.v[:moves] + step[:, nv : 2 * nv]
-        own = self._applied(model)
+        own = self._applied_forces(model)
         means = own.means + (run.middle.tau - self.applied.middle)[:, None]  # with unknown inputs
         plant = ProcessModel(model, self.problem.locked)
         kernel = plant.kernel() if compiled_pays() else None
@@ -205,7 +208,7 @@ class Sensitivities:
                 q[k], v[k] = plant.step(here, h, q[k], v[k], means[k, s], own.rise[k, s])
         return q, v
 
-    def _applied(self, model: SpacecraftModel) -> AppliedForces:
+    def _applied_forces(self, model: SpacecraftModel) -> AppliedForces:
         process = ProcessModel(model, self.problem.locked)
         forces = self.driving if model is self.model else driving(model, self.inputs)
         return applied(process, self.problem, forces, self.run.edges)
@@ -223,7 +226,7 @@ class Sensitivities:
         """Return the change by another error of a sensor in this recording, by a difference."""
         step = DIFFERENCE * unknown.scale
         other = self.point.moved([unknown], np.array([step]))
-        reading = self._reading(self.point, other, self.model, self.model)
+        reading = self._reading_change(self.point, other, self.model, self.model)
         return Sensitivity.of(reading=None if reading is None else reading / step)
 
     def unknown(self, unknown: Unknown) -> Sensitivity:
@@ -265,7 +268,7 @@ class Sensitivities:
         one, other = kernels
         alike = one is not None and other is not None and one.moves_like(other)
         each = list(zip((origin, model), kernels, strict=True))
-        parts = [[self._taken(where, *x, passive=alike) for x in each] for where in ("middle", "at")]
+        parts = [[self._motion_forces(where, *x, passive=alike) for x in each] for where in ("middle", "at")]
         return [before - after for before, after in parts]
 
     def _kernel(self, model: SpacecraftModel) -> Kernel | None:
@@ -278,7 +281,7 @@ class Sensitivities:
             self._whole.append(found)
         return found
 
-    def _taken(
+    def _motion_forces(
         self, where: str, model: SpacecraftModel, kernel: Kernel | None, *, passive: bool
     ) -> np.ndarray:
         """Return the generalised forces (N, nv) that a model's motion takes along the run, or their
@@ -299,7 +302,7 @@ class Sensitivities:
             self._own[known] = found
         return found
 
-    def _reading(
+    def _reading_change(
         self, base: Point, other: Point, origin: SpacecraftModel, model: SpacecraftModel
     ) -> np.ndarray | None:
         before = self.sensors if base is self.point else base.sensors()
@@ -363,10 +366,10 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray 
     """
     (n, rows, nv), width, m = run.by_a.shape, run.gain.shape[1], len(changes)
     moves = len(run.transition)
-    between = _stacked([(c.middle, c.dofs) for c in changes], moves, nv)
-    at = _stacked([(c.at, c.dofs) for c in changes], n, nv)
-    read = _stacked([(c.reading, c.rows) for c in changes], n, rows)
-    led = _stacked([(c.ahead, ...) for c in changes], moves, 2 * nv)
+    between = _stack_changes([(c.middle, c.dofs) for c in changes], moves, nv)
+    at = _stack_changes([(c.at, c.dofs) for c in changes], n, nv)
+    read = _stack_changes([(c.reading, c.rows) for c in changes], n, rows)
+    led = _stack_changes([(c.ahead, ...) for c in changes], moves, 2 * nv)
     now: np.ndarray = np.zeros((m, width)) if delta is None else np.ascontiguousarray(delta.T)
     out = np.empty((m, n, rows))
     filtered = (
@@ -402,7 +405,7 @@ def _carry(
     now[:] = state.T
 
 
-def _stacked(parts: Sequence[tuple[np.ndarray | None, Places]], count: int, width: int) -> Entries:
+def _stack_changes(parts: Sequence[tuple[np.ndarray | None, Places]], count: int, width: int) -> Entries:
     """Return changes side by side: values (``count``, e), their columns (e,) and places (e,) of ``width``."""
     there = [(i, x, np.arange(width)[where]) for i, (x, where) in enumerate(parts) if x is not None]
     if not there:

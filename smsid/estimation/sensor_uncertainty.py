@@ -24,7 +24,7 @@ def reading_uncertainty(point: Point, data: Measurements) -> np.ndarray:
     before = data.with_blocks(point.sensors()).blocks
     for effect in point.description.effect:
         for p in effect.unknowns():
-            other = _moved(effect, p)
+            other = _with_deviation(effect, p)
             if other is None:
                 continue
             sensors = point.with_effect(other).sensors()
@@ -32,11 +32,11 @@ def reading_uncertainty(point: Point, data: Measurements) -> np.ndarray:
                 if old is not new:
                     variance[old.rows] += _change(data, old, new) ** 2
     for block in before:
-        variance[block.rows] += _stated(data, block)
+        variance[block.rows] += _stated_variance(data, block)
     return np.sqrt(variance)
 
 
-def _stated(data: Measurements, block: ChannelSlice) -> np.ndarray:
+def _stated_variance(data: Measurements, block: ChannelSlice) -> np.ndarray:
     """Return the variance of the first reading of a channel (rows of the block,) by what a sensor states of
     its bias, scale and misalignment, which every recording has its own of.
     """
@@ -53,7 +53,7 @@ def _stated(data: Measurements, block: ChannelSlice) -> np.ndarray:
     return own
 
 
-def _moved(effect: Effect, p: Parameter) -> Effect | None:
+def _with_deviation(effect: Effect, p: Parameter) -> Effect | None:
     """Return the effect with a parameter a standard deviation up, or down; ``None`` where it has no room."""
     sigma = effect_unknown(p).sigma
     for value in (p.value + sigma, p.value - sigma, p.upper, p.lower):

@@ -85,7 +85,7 @@ def descend(
                     share = gained / predicted_gain(found, step)
                     grown = max(radius, GROWN * length) if share > GOOD else radius
                     radius = 0.5 * length if share < WEAK else grown
-                    longer = _lengthened(found, step, gained) if lengthen else None
+                    longer = _lengthen_step(found, step, gained) if lengthen else None
                     if longer is not None and longer.physical():
                         further, there = look(longer)
                         if further < objective:
@@ -97,7 +97,7 @@ def descend(
     return None, radius
 
 
-def _lengthened(found: Quadratic, step: np.ndarray, gained: float) -> Point | None:
+def _lengthen_step(found: Quadratic, step: np.ndarray, gained: float) -> Point | None:
     """Return where the parabola through a step that ``gained`` has its lowest point, ``None`` for not beyond.
 
     Where curvatures are taken too large, steps are too short in every round, and a search creeps.

@@ -110,7 +110,7 @@ class Experiment(ShortRepr, _Table):
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
-    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+    def _title_and_rows(self) -> tuple[str, list[tuple[str, str]]]:
         stated = {n: getattr(self, n) for n in type(self).model_fields if n not in ("schema_version", "name")}
         rows = [
             (name, str(getattr(value, "kind", value)))  # of a profile its kind

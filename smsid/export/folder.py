@@ -70,7 +70,7 @@ def export_folder(
     _check_names(description)
     target = Path(folder).resolve()
     with atomic_folder(folder) as temporary:
-        files, bodies, notes = _written(description, temporary, target, estimate, mujoco)
+        files, bodies, notes = _write_files(description, temporary, target, estimate, mujoco)
     return Export(target, tuple(files), bodies, tuple(notes))
 
 
@@ -88,7 +88,7 @@ def _check_names(d: Description) -> None:
             )
 
 
-def _written(
+def _write_files(
     description: Description, folder: Path, target: Path, estimate: Estimate | None, mujoco: bool
 ) -> tuple[list[str], IdentifiedBodies | None, list[str]]:
     notes: list[str] = []

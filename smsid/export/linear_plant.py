@@ -110,17 +110,15 @@ def linear_plant(
     """
     smooth, notes = _smooth(build_model(description).description)  # with the friction of its URDFs
     if estimate is None:
-        return _linearised(build_model(smooth), description.name, notes)
-    plant = _linearised(identified_model(smooth, estimate).model, description.name, notes)
+        return _linearise(build_model(smooth), description.name, notes)
+    plant = _linearise(identified_model(smooth, estimate).model, description.name, notes)
     found = []
     for values in _draw_parameters(estimate, draws, rng or np.random.default_rng(0)):
         parameters = tuple(
             replace(p, value=float(x)) for p, x in zip(estimate.parameters, values, strict=True)
         )
         try:
-            one = _linearised(
-                identified_model(smooth, replace(estimate, parameters=parameters)).model, "", []
-            )
+            one = _linearise(identified_model(smooth, replace(estimate, parameters=parameters)).model, "", [])
         except SmsidError as error:  # a draw that no rigid body can have
             logger.info("a draw of the estimate is left out: %s", error)
             continue
@@ -180,7 +178,7 @@ def _draw_parameters(estimate: Estimate, count: int, rng: np.random.Generator) -
     return estimate.values + rng.standard_normal((count, len(values))) @ spread.T
 
 
-def _linearised(model: SpacecraftModel, name: str, notes: Sequence[str]) -> LinearPlant:
+def _linearise(model: SpacecraftModel, name: str, notes: Sequence[str]) -> LinearPlant:
     q0, nv = model.home, model.nv
     inputs, input_units, columns = _inputs(model)
     still, tau = np.zeros(nv), np.zeros(nv)

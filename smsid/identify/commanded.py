@@ -57,10 +57,10 @@ def actual_thrust(model: SpacecraftModel, recording: Recording, *, torque: bool 
     commanded = BusWrench(times, values, bool(changes <= FEW * len(times)))
     if all(type(e).drive is Effect.drive for e in model.description.effect) or not values.any():
         return commanded
-    return _driven(model, commanded)
+    return _wrench_of_actuators(model, commanded)
 
 
-def _driven(model: SpacecraftModel, commanded: BusWrench) -> BusWrench:
+def _wrench_of_actuators(model: SpacecraftModel, commanded: BusWrench) -> BusWrench:
     # simulation is not needed without such effects, hence the imports here
     from smsid.inputs.inputs import Inputs
     from smsid.inputs.signals import Sampled

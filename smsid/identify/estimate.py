@@ -101,7 +101,7 @@ class Estimate:
                 shared=shared,
             )
         if self.covariance is not None:
-            object.__setattr__(self, "covariance", _checked(self.covariance, self.parameters))
+            object.__setattr__(self, "covariance", _check_covariance(self.covariance, self.parameters))
 
     def __reduce__(self) -> tuple[Any, ...]:
         own = (self.description, self.method, self.parameters, self.recordings, dict(self.timing))
@@ -224,7 +224,7 @@ class Estimate:
         return html(self)
 
 
-def _checked(covariance: Any, parameters: tuple[ParameterEstimate, ...]) -> np.ndarray:
+def _check_covariance(covariance: Any, parameters: tuple[ParameterEstimate, ...]) -> np.ndarray:
     """Return a read-only symmetric copy of a covariance, or raise `EstimateError`."""
     found = np.array(covariance, dtype=float)
     n = len(parameters)

@@ -158,7 +158,7 @@ def bridge(values: np.ndarray, bad: np.ndarray, cuts: np.ndarray = NO_CUTS) -> n
             kept = np.flatnonzero(~bad)
             flat[start:stop] = flat[kept[np.argmin(np.abs(kept - start))]]
         elif stop > start:
-            flat[start:stop] = _bridged(flat[start:stop], bad[start:stop])
+            flat[start:stop] = _bridge_gaps(flat[start:stop], bad[start:stop])
     return flat.reshape(values.shape)
 
 
@@ -167,7 +167,7 @@ def _pieces(count: int, cuts: np.ndarray) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
-def _bridged(flat: np.ndarray, bad: np.ndarray) -> np.ndarray:
+def _bridge_gaps(flat: np.ndarray, bad: np.ndarray) -> np.ndarray:
     good = np.flatnonzero(~bad)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(int)))
     for first, stop in edges.reshape(-1, 2):

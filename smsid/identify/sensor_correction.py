@@ -26,7 +26,7 @@ def correct_readings(recording: Recording, sensors: Sequence[Sensor]) -> Recordi
     for sensor in sensors:
         for quantity, name in zip(sensor.quantities, sensor.channels, strict=True):
             error = sensor.error(quantity)
-            if name in recording and _known(error):
+            if name in recording and _has_known_error(error):
                 times = recording.time(name)
                 channels[name] = (times, _undone(error, times, np.array(recording[name]), quantity))
     return recording.with_channels(channels) if channels else recording
@@ -56,7 +56,7 @@ def on_event_clocks(recording: Recording, sensors: Sequence[Sensor]) -> Recordin
     return recording.with_channels(channels) if channels else recording
 
 
-def _known(error: ErrorModel) -> bool:
+def _has_known_error(error: ErrorModel) -> bool:
     parts = [error, *error.components.values()]
     terms = ("bias", "scale_error", "misalignment")
     fixed = any(np.any(getattr(p, term)) for p in parts for term in terms)

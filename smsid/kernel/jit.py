@@ -43,7 +43,7 @@ def compiled_and_cached(function: Callable[..., Any]) -> Any:
         kept = found._cache
         # as a version, for numba looks at it before it unpickles what may name classes that are gone
         kept._cache_file._version = f"{numba.__version__} {_digest()}"
-        kept.load_overload = _without_cache_errors(partial(_loaded, kept), kept.flush)
+        kept.load_overload = _without_cache_errors(partial(_load_compiled, kept), kept.flush)
         kept.save_overload = _without_cache_errors(kept.save_overload)
     except (RuntimeError, AttributeError, OSError) as error:
         _reasons.append(f"numba keeps no cache ({error}); NUMBA_CACHE_DIR may name a folder for it")
@@ -51,7 +51,7 @@ def compiled_and_cached(function: Callable[..., Any]) -> Any:
     return found
 
 
-def _loaded(kept: Any, signature: Any, target: Any) -> Any:
+def _load_compiled(kept: Any, signature: Any, target: Any) -> Any:
     """Load compiled code with the runtime it needs, and not with all that numba needs to compile: 0.2 s.
 
     As numba's own `load_overload`, which refreshes ``target`` first. Who compiles does that anyway.

@@ -103,7 +103,7 @@ def free_decay(signal: np.ndarray, rate: float, *, highest: float | None = None)
         start = _start(y, rate, count, top, t[-1])
         if start is None:
             break
-        last = _fitted(t, y, start, top)
+        last = _fit_modes(t, y, start, top)
         if last.criterion < best.criterion:
             best = last
     if not len(best.poles) or best.criterion > none - CLEAR:
@@ -184,7 +184,7 @@ def _start(y: np.ndarray, rate: float, count: int, top: float, duration: float) 
     return np.array(found) if found else None
 
 
-def _fitted(t: np.ndarray, y: np.ndarray, start: np.ndarray, top: float) -> _Fit:
+def _fit_modes(t: np.ndarray, y: np.ndarray, start: np.ndarray, top: float) -> _Fit:
     def residual(x: np.ndarray) -> np.ndarray:
         return _Fit(t, y, x.reshape(-1, 2)).left
 

@@ -93,7 +93,7 @@ def diagnose_oscillator(
     tried = len(TERMS)
     while True:
         residual, rows, cut = sensitivities(drive, output, rate, fit)
-        fitted = _fitted(rows, terms)
+        fitted = _project_terms(rows, terms)
         tests = {t: _score(fitted, rows[t][:, None], residual) for t in TERMS if t not in terms}
         good = {
             t: x for t, x in tests.items() if x.p_value * tried < LEVEL and x.ratio > np.log(len(residual))
@@ -139,7 +139,7 @@ def diagnose_oscillator(
     return OscillatorDiagnosis(result, fits)
 
 
-def _fitted(rows: dict[str, np.ndarray], terms: Sequence[str]) -> Projection:
+def _project_terms(rows: dict[str, np.ndarray], terms: Sequence[str]) -> Projection:
     return Projection(np.stack([x for n, x in rows.items() if n not in TERMS or n in terms], axis=1))
 
 
@@ -168,7 +168,7 @@ def _significant_tests(
     A force passes through the oscillator; sensitivities by terms of the catalogue that are not in it have
     been, what is tested here acts on the output itself.
     """
-    fitted = _fitted(rows, terms)
+    fitted = _project_terms(rows, terms)
     y, u = (np.concatenate([np.asarray(x)[c] for c in cut]) for x in (output, drive))
     y, u = y / np.abs(y).max(), u / max(np.abs(u).max(), 1e-300)
     v = np.gradient(y)

@@ -182,7 +182,7 @@ def fit_tank(
     fits, failures = [], []
     for start in starts:
         try:
-            fits.append(_fitted(test, model, start[: COUNTS[model]], frequency))
+            fits.append(_fit_model(test, model, start[: COUNTS[model]], frequency))
         except NotIdentifiableError as failure:
             failures.append(failure)
             logger.info("%s from %s: %s", model, start, failure)
@@ -196,7 +196,7 @@ def _guess(test: TankTest, frequency: float) -> np.ndarray:
     return np.array([gain, test.lag.value, 0.0, 0.0, 0.1 * gain, frequency, 0.01, 100.0])
 
 
-def _fitted(test: TankTest, model: Model, start: np.ndarray, frequency: float) -> TankFit:
+def _fit_model(test: TankTest, model: Model, start: np.ndarray, frequency: float) -> TankFit:
     count = COUNTS[model]
     ring = _ring_down(test)
     spline = make_interp_spline(test.time, test.position, k=5).derivative(2)
@@ -206,7 +206,7 @@ def _fitted(test: TankTest, model: Model, start: np.ndarray, frequency: float) -
 
     def errors(scaled: np.ndarray) -> np.ndarray:
         return (
-            test.force - _predicted((scaled - SHIFTS[:count]) * SCALES[:count], test, spline, model)
+            test.force - _predict_force((scaled - SHIFTS[:count]) * SCALES[:count], test, spline, model)
         ) * weight
 
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
@@ -281,7 +281,7 @@ def cylinder_slosh(
     return float(frequency), float(liquid * share)
 
 
-def _predicted(values: np.ndarray, test: TankTest, spline: BSpline, model: Model) -> np.ndarray:
+def _predict_force(values: np.ndarray, test: TankTest, spline: BSpline, model: Model) -> np.ndarray:
     rigid, lag, offset, slope = values[:4]
     step = float(test.time[1] - test.time[0])
     halves = test.time[0] + 0.5 * step * np.arange(2 * test.time.size + 1) - lag

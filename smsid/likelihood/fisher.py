@@ -89,7 +89,7 @@ def fisher_information(
                 )
     model = build_model(description)
     several = list(flown) if isinstance(flown, Sequence) else [flown]
-    recordings = [x if isinstance(x, Recording) else _simulated(description, x) for x in several]
+    recordings = [x if isinstance(x, Recording) else _simulate_perfectly(description, x) for x in several]
     pairs = [piece_of(model, r, nuisance or Nuisance(), described_noise=True) for r in recordings]
     at = Parameters.of(model)
     point = Point(at, tuple(local for _, local in pairs))
@@ -108,7 +108,7 @@ def fisher_information(
     )
 
 
-def _simulated(description: Description, experiment: Experiment) -> Recording:
+def _simulate_perfectly(description: Description, experiment: Experiment) -> Recording:
     """The experiment as perfect sensors would record it."""
     if not description.sensor:
         raise ExperimentError(

@@ -127,7 +127,7 @@ def fit(
             found = _by_steps_at(here.point.parameters, there, found.after(moved))
             return Fit(here, pieces, found, cost, samples, iteration, tuple(visits))
         try:
-            step = _stepped(pieces, here, found, cost, prior, None, damping)
+            step = _find_step(pieces, here, found, cost, prior, None, damping)
         except ConvergenceError as stuck:
             raise stuck.at(pieces, here, visits) from None
         if step is None:
@@ -176,7 +176,7 @@ def minimise(
         gain += found.motion_gain
         if gain < NEAR:
             return Minimum(here.point, found, cost, iteration)
-        step = _stepped(pieces, here, found, cost, prior, fixed, damping)
+        step = _find_step(pieces, here, found, cost, prior, fixed, damping)
         if step is None:
             return Minimum(here.point, found, cost, iteration)
         here, damping = step.seen, step.damping
@@ -191,7 +191,7 @@ class _Step:
     damping: float
 
 
-def _stepped(
+def _find_step(
     pieces: Sequence[RecordingTerm],
     here: Evaluation,
     found: Normal,
@@ -279,14 +279,14 @@ class Iterate:
         ``step`` (size,) of the common parameters led there.
         """
         squares = tuple(tuple(r.T @ r / len(r) for r in own) for own in seen.residuals)
-        return cls(squares, cost - _whitened(squares, pieces), step)
+        return cls(squares, cost - _whitened_squares(squares, pieces), step)
 
     def cost(self, pieces: Sequence[RecordingTerm]) -> float:
         """Return its sum of squares with the noise of these pieces.
 
         Samples that were left out later count as the mean of all.
         """
-        return _whitened(self.squares, pieces) + self.known
+        return _whitened_squares(self.squares, pieces) + self.known
 
 
 def history_of(
@@ -305,7 +305,7 @@ def history_of(
     return tuple(out)
 
 
-def _whitened(squares: Sequence[Sequence[np.ndarray]], pieces: Sequence[RecordingTerm]) -> float:
+def _whitened_squares(squares: Sequence[Sequence[np.ndarray]], pieces: Sequence[RecordingTerm]) -> float:
     total = 0.0
     for piece, own in zip(pieces, squares, strict=True):
         for c, mean in zip(piece.channels, own, strict=True):

@@ -114,14 +114,14 @@ def measured_drive(
     if len(model.arm_joints):
         assert moving.encoder is not None
         samples = [
-            _quieted(_samples(recording, moving.encoder, name, order, described_noise), name, still.joints)
+            _quieten(_samples(recording, moving.encoder, name, order, described_noise), name, still.joints)
             for order, name in enumerate(("joint_position", "joint_velocity"))
         ]
         joints = fit_motion(samples, start, stop, rate, SHORTEST, moving.encoder.name)
     if len(model.wheels):
         assert moving.tachometer is not None
         sample = _samples(recording, moving.tachometer, "wheel_rate", 1, described_noise)
-        sample = _quieted(sample, "wheel_rate", still.wheels)
+        sample = _quieten(sample, "wheel_rate", still.wheels)
         wheels = fit_motion([sample], start, stop, rate, SHORTEST, moving.tachometer.name)
         _check_covered(sample, start, stop, wheels.spacing)
     return Drive(free, home, False, thrust, joints, wheels)
@@ -161,7 +161,7 @@ def _samples(
     )
 
 
-def _quieted(samples: DerivativeSamples, quantity: str, still: Sequence[int]) -> DerivativeSamples:
+def _quieten(samples: DerivativeSamples, quantity: str, still: Sequence[int]) -> DerivativeSamples:
     """Return the samples with little left of the noise of what stands still: it is held, and known to be."""
     if not still:
         return samples

@@ -60,7 +60,7 @@ def normal(
         groups.setdefault(id(c.root), []).append(i)
     members = [[piece.channels[i] for i in own] for own in groups.values()]
     weighted = [
-        None if residuals is None else _weighted(channels, [residuals[i] for i in own])
+        None if residuals is None else _residuals_at_nodes(channels, [residuals[i] for i in own])
         for channels, own in zip(members, groups.values(), strict=True)
     ]
 
@@ -273,7 +273,7 @@ class _Rows:
         return out
 
 
-def _weighted(channels: Sequence[Channel], residuals: Sequence[np.ndarray]) -> np.ndarray:
+def _residuals_at_nodes(channels: Sequence[Channel], residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Whitened residuals taken back to the nodes (nodes, k)."""
     parts = [c.to_coarse(r @ c.whitening.T) for c, r in zip(channels, residuals, strict=True)]
     return np.concatenate(parts, axis=1)

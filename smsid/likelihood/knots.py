@@ -122,7 +122,7 @@ def refined_motion(
     """
     model = point.parameters.layout.model
     shares = [0.5] * len(pieces) if most is None else most
-    pairs = [_refined(p, x, model, m) for p, x, m in zip(pieces, point.locals, shares, strict=True)]
+    pairs = [_refine_knots(p, x, model, m) for p, x, m in zip(pieces, point.locals, shares, strict=True)]
     return tuple(p for p, _ in pairs), tuple(x for _, x in pairs)
 
 
@@ -138,7 +138,7 @@ def resolves_ringing(piece: RecordingTerm, model: SpacecraftModel) -> bool:
     return joints is None or joints.spacing < _period(piece, model) / KNOTS_PER_PERIOD < np.inf
 
 
-def _refined(
+def _refine_knots(
     piece: RecordingTerm, local: NuisanceValues, model: SpacecraftModel, most: float
 ) -> tuple[RecordingTerm, NuisanceValues]:
     joints = piece.drive.joints

@@ -75,7 +75,7 @@ def linearise(
     data = model.createData()
     for first in range(0, count, BLOCK):
         chosen = slice(first, min(first + BLOCK, count))
-        dq, dv, mass, y = _evaluated(model, data, q[chosen], v[chosen], a[chosen], used)
+        dq, dv, mass, y = _evaluate_dynamics(model, data, q[chosen], v[chosen], a[chosen], used)
         right = np.empty((len(dq), n_free, state + p + 3 * joints))
         right[:, :, :n_rest] = dq[:, free][:, :, rest_v]
         right[:, :, n_rest:state] = dv[:, free][:, :, free]
@@ -121,7 +121,7 @@ def start_velocities(
     return -np.linalg.solve(mass[np.ix_(free, free)], right)
 
 
-def _evaluated(
+def _evaluate_dynamics(
     model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """RNEA derivatives, mass matrix (N, nv, nv) and the columns ``used`` of the regressor (N, nv, k)."""

@@ -199,30 +199,30 @@ def inverse(information: np.ndarray) -> np.ndarray:
 
     Raises `NotIdentifiableError` naming the component when it is singular.
     """
-    return _inverse(*_factored(information))
+    return _inverse(*_factor_information(information))
 
 
 def _triangular(root: np.ndarray) -> np.ndarray:
     """Return L (n, n), lower, with L L^T = root^T root."""
     upper = np.linalg.qr(root, mode="r")
     if np.abs(np.diag(upper)).min(initial=1.0) < SINGULAR:
-        raise _undetermined()
+        raise _undetermined_error()
     return (upper * np.sign(np.diag(upper))[:, None]).T
 
 
-def _undetermined() -> NotIdentifiableError:
+def _undetermined_error() -> NotIdentifiableError:
     return NotIdentifiableError(
         "Neither data nor prior determine all parameters.",
         advice="Give the effect concerned a `prior`, or leave it out.",
     )
 
 
-def _factored(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _factor_information(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return L (n, n), lower, of a matrix that ``scale`` (n,), returned too, brings to unit diagonal."""
     scale = 1.0 / np.sqrt(np.diag(information))
     factor, fault = lapack.dpotrf(information * np.outer(scale, scale), lower=1, overwrite_a=1)
     if fault:
-        raise _undetermined()
+        raise _undetermined_error()
     return factor, scale
 
 

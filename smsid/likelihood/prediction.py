@@ -97,7 +97,7 @@ def predict(
             lost = hybrid_motion(*tree.arrays, (q, v, a), *given)
         else:
             places = (rest_q, free, base)
-            lost = _carried(part, model, applied, (k_rest, d_rest), (q, v, a), places, y)
+            lost = _carry_motion(part, model, applied, (k_rest, d_rest), (q, v, a), places, y)
         if lost >= 0:
             time = part.evaluations[lost]
             raise SimulationError(
@@ -115,7 +115,7 @@ def predict(
     return Prediction(model, timeline, q, v, a, rest_q, rest_v)
 
 
-def _carried(
+def _carry_motion(
     timeline: Timeline,
     model: pin.Model,
     applied: np.ndarray,

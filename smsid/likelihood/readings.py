@@ -49,12 +49,14 @@ def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarra
     gradient, clock_gradient = np.zeros((m, width)), np.zeros(2)
     start = float(motion.spline.t[0])
     for s in motion.samples:
-        happened = _happened(s, clock, start)
+        happened = _true_times(s, clock, start)
         # before the start the joints stand still, whatever the time
         rate = np.where(
-            (happened < start)[:, None], 0.0, _moved(motion, coefficients, happened, s.derivative + 1)
+            (happened < start)[:, None],
+            0.0,
+            _motion_derivative(motion, coefficients, happened, s.derivative + 1),
         )
-        left = s.values - _moved(motion, coefficients, happened, s.derivative)
+        left = s.values - _motion_derivative(motion, coefficients, happened, s.derivative)
         weight = 1.0 / s.sigma**2
         slopes = -np.stack([rate, rate * (s.times - start)[:, None]], axis=-1)  # (N, k, 2)
         mixed = np.concatenate([slopes.reshape(len(rate), -1), left], axis=1)
@@ -85,11 +87,11 @@ def refit_coefficients(motion: MeasuredMotion, clock: np.ndarray) -> np.ndarray:
     return motion.coefficients + np.column_stack([solveh_banded(a, b, lower=True) for a, b in pairs])
 
 
-def _happened(s: DerivativeSamples, clock: np.ndarray, start: float) -> np.ndarray:
+def _true_times(s: DerivativeSamples, clock: np.ndarray, start: float) -> np.ndarray:
     return s.times - clock[0] - clock[1] * (s.times - start)
 
 
-def _moved(
+def _motion_derivative(
     motion: MeasuredMotion, coefficients: np.ndarray, times: np.ndarray, derivative: int
 ) -> np.ndarray:
     """A derivative (N, k) of the motion of other coefficients at times (N,), as `design` has it."""
@@ -99,7 +101,7 @@ def _moved(
 def _squares(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
     total, start = 0.0, float(motion.spline.t[0])
     for s in motion.samples:
-        left = s.values - _moved(motion, coefficients, _happened(s, clock, start), s.derivative)
+        left = s.values - _motion_derivative(motion, coefficients, _true_times(s, clock, start), s.derivative)
         total += float(np.sum((left / s.sigma) ** 2))
     smooth = smoothness(len(coefficients))
     return total + float(np.sum(coefficients * (smooth @ coefficients) * _largest(motion)))

@@ -149,10 +149,10 @@ class RecordingTerm:
         out = []
         for c in self.channels:
             nodes = kinematics.output(c.sensor, c.quantity) * (1.0 + local.scale.get(c.name, 0.0))
-            out.append(c.residual(nodes, local.bias.get(c.name), self._shifted(c, local)))
+            out.append(c.residual(nodes, local.bias.get(c.name), self._clock_interpolation(c, local)))
         return out
 
-    def _shifted(self, c: Channel, local: NuisanceValues) -> csr_array | None:
+    def _clock_interpolation(self, c: Channel, local: NuisanceValues) -> csr_array | None:
         """Interpolation to when the samples really were taken, for a sensor whose clock is off."""
         clock = local.clock.get(c.sensor.name)
         if clock is None or not clock.any():

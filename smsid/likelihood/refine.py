@@ -133,7 +133,7 @@ def refine(
     finer = any(a is not b for a, b in zip(fine, pieces, strict=True))
     pieces, prior = fine, Prior(described, cad)
     if isinstance(start, Refinement):
-        points = [Point(_restarted(described, start), locals_)]
+        points = [Point(_restart_parameters(described, start), locals_)]
     else:
         points = [Point(p, locals_) for p in candidates(described, start)]
     first = best_start(pieces, points, prior)
@@ -195,7 +195,7 @@ def refine(
     return Refinement(estimate, reported_covariance, at.description(), unseen, described, found, prior)
 
 
-def _restarted(described: Parameters, start: Refinement) -> Parameters:
+def _restart_parameters(described: Parameters, start: Refinement) -> Parameters:
     """The described parameters with the values of an earlier refinement."""
     at = start.fit.point.parameters
     if at.names != described.names:

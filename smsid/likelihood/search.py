@@ -84,7 +84,7 @@ def _looked_around(
     where: Fit | ConvergenceError
     for patience in (PATIENCE, ITERATIONS):
         try:
-            where = _searched(pieces, start, prior, visits, patience, seen)
+            where = _search_maximum(pieces, start, prior, visits, patience, seen)
         except ConvergenceError as stuck:
             if stuck.seen is None:
                 raise
@@ -121,7 +121,7 @@ def loudness(channel: Channel, square: float) -> float:
     return float(np.sqrt(square) / stated.min()) if (stated > 0.0).all() else 0.0
 
 
-def _searched(
+def _search_maximum(
     pieces: Sequence[RecordingTerm],
     start: Point,
     prior: Prior,

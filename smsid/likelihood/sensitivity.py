@@ -149,7 +149,7 @@ class Variation:
         for i, c in enumerate(PLACES):
             drives[:, i, :, :k] = own[c]
             times = timeline.step_starts[steps] + c * h
-            drives[:, i, :, k:] = self._following(motion[c], times, first)
+            drives[:, i, :, k:] = self._following_accelerations(motion[c], times, first)
         gamma = ends.reshape(count, self.rows, -1) @ drives.reshape(count, -1, k + width)
         inner = slice(nodes.start - wide.start, nodes.stop - wide.start)
         times = timeline.evaluations[timeline.node_evaluation[nodes]]
@@ -165,7 +165,7 @@ class Variation:
             gamma[:, :, k:],
             linear.by_state[inner],
             linear.by_parameter[inner],
-            self._following(linear.by_motion[inner], times, self.first[nodes]),
+            self._following_accelerations(linear.by_motion[inner], times, self.first[nodes]),
         )
 
     def start(self) -> np.ndarray:
@@ -207,7 +207,9 @@ class Variation:
             out[c] = rate
         return out
 
-    def _following(self, by_motion: np.ndarray, times: np.ndarray, first: np.ndarray) -> np.ndarray:
+    def _following_accelerations(
+        self, by_motion: np.ndarray, times: np.ndarray, first: np.ndarray
+    ) -> np.ndarray:
         """Free accelerations (N, free, WINDOW joints) per coefficient, at times (N,) [s]."""
         if not len(self.follow):
             return np.zeros((*by_motion.shape[:2], 0))

@@ -112,7 +112,7 @@ class MeasuredMotion:
         out = np.zeros((3, len(times), WINDOW))
         row = np.arange(len(times))
         for d, own in enumerate(out):
-            values, start = _acting(times, self.spline.t, d)
+            values, start = _acting_functions(times, self.spline.t, d)
             for k, column in enumerate(values.T):
                 place = start + k - first
                 inside = (place >= 0) & (place < WINDOW)  # what lies outside is zero there
@@ -327,7 +327,7 @@ def basis_sums(
     gram, sums = np.zeros((DEGREE + 1, size)), np.zeros((size, columns.shape[1]))
     for start in range(0, len(times), ROWS):
         own = columns[start : start + ROWS]
-        values, first = _acting(times[start : start + ROWS], knots, derivative)
+        values, first = _acting_functions(times[start : start + ROWS], knots, derivative)
         values, begins = np.ascontiguousarray(values.T), np.flatnonzero(np.diff(first, prepend=-1))
         interval = first[begins]
         for i, x in enumerate(values):
@@ -337,7 +337,7 @@ def basis_sums(
     return gram, sums
 
 
-def _acting(times: np.ndarray, knots: np.ndarray, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+def _acting_functions(times: np.ndarray, knots: np.ndarray, derivative: int) -> tuple[np.ndarray, np.ndarray]:
     """Values (N, 6) of the functions that act at times (N,), and the first (N,) of them."""
     inner = knots[derivative : len(knots) - derivative]
     degree = DEGREE - derivative

@@ -54,7 +54,7 @@ def build_model(description: Description, *, visuals: bool = False) -> Spacecraf
             with _name_table("arm", arm.name):
                 loaded, names = mount_arm(loaded, arm, d)
             mounted[arm.name] = tuple(names)
-    model = _assembled(
+    model = _assemble(
         d,
         Source(loaded.model, own_joints, mounted, losses=loaded.losses, mimics=loaded.mimics),
         loaded.visual,
@@ -77,13 +77,13 @@ def rebuild(model: SpacecraftModel, description: Description) -> SpacecraftModel
     source = model.source
     if description.wheel != model.description.wheel:
         source = replace(source, wheeled=None, wheels=())
-    return _assembled(description, source, None)
+    return _assemble(description, source, None)
 
 
 _LOADED = ("urdf", "folder", "root", "meshes", "inertias", "package_dirs", "arm")
 
 
-def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None) -> SpacecraftModel:
+def _assemble(d: Description, source: Source, visual: pin.GeometryModel | None) -> SpacecraftModel:
     free = d.root == "free"
     d = with_urdf_friction(d, source.losses)
     trusted = {*source.own_joints, "root_joint"} if d.inertias == "trusted" else set()
@@ -92,9 +92,9 @@ def _assembled(d: Description, source: Source, visual: pin.GeometryModel | None)
             trusted |= set(source.mounted[arm.name])
     if source.wheeled is None:
         source = _add_wheels(d, source, frozenset(trusted))
-    assembly = _with_effects(d, _copied(d, source), frozenset(trusted))
+    assembly = _with_effects(d, _copy_model(d, source), frozenset(trusted))
     if not is_depth_first(assembly.model):
-        room = with_room_for(_copied(d, source), assembly.model)
+        room = with_room_for(_copy_model(d, source), assembly.model)
         assembly = _with_effects(d, room, frozenset(trusted))
     model = assembly.model
     wheels = [model.getJointId(name) for name in source.wheels]
@@ -153,7 +153,7 @@ def _add_wheels(d: Description, source: Source, trusted: frozenset[str]) -> Sour
     return replace(source, wheeled=assembly.model, wheels=names)
 
 
-def _copied(d: Description, source: Source) -> pin.Model:
+def _copy_model(d: Description, source: Source) -> pin.Model:
     model = (source.wheeled or source.pin).copy()
     model.gravity.linear = np.asarray(d.gravity)
     return model

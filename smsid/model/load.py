@@ -377,7 +377,8 @@ def _parameters(link: LinkReading, placement: pin.SE3) -> np.ndarray:
 
 def _differs(place: str, source: str, element: str, said: object, has: object) -> None:
     raise DescriptionError(
-        f"{place} of {source}: {element} is {_shown(said)} in the file and {_shown(has)} in the model built.",
+        f"{place} of {source}: {element} is {_format_value(said)} in the file and "
+        f"{_format_value(has)} in the model built.",
         advice="Pinocchio read the file otherwise than it is written: simplify that element, and please "
         "report it.",
         file=said,
@@ -385,7 +386,7 @@ def _differs(place: str, source: str, element: str, said: object, has: object) -
     )
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, np.ndarray):
         return "(" + ", ".join(f"{x:.6g}" for x in value) + ")"
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -158,7 +158,7 @@ class Topic:
         for members in groups:
             # Several publishers: each set of names has times of its own.
             where = self.name if len(groups) == 1 else f"{self.name}.{members[0]}"
-            found |= self._named(where, members, stamped)
+            found |= self._columns_of_names(where, members, stamped)
         for key, values in self.fields.items():
             if len(values) != len(self.times) or len({np.shape(v) for v in values}) != 1:
                 continue
@@ -167,7 +167,9 @@ class Topic:
                 found[f"{self.name}.{key}"] = array
         return found
 
-    def _named(self, where: str, members: tuple[str, ...], stamped: bool) -> dict[str, NDArray[Any]]:
+    def _columns_of_names(
+        self, where: str, members: tuple[str, ...], stamped: bool
+    ) -> dict[str, NDArray[Any]]:
         """Give the arrays of one set of names, (N, names) in the order of its first message."""
         found: dict[str, NDArray[Any]] = {}
         for key, rows in self.by_name.items():

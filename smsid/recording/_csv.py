@@ -130,7 +130,7 @@ def _table(path: Path, rows: Any, names: list[str], delimiter: str, first: int) 
             if len(row) == 1 and not rest and table and not re.search(r"\d", row[0]):
                 logger.warning("%s, line %d: '%s' is no sample and skipped.", path, line, row[0].strip())
                 break
-            raise _uneven(path, line, row, names, delimiter, rest)
+            raise _uneven_error(path, line, row, names, delimiter, rest)
         if any(cell.strip() for cell in row):  # a row of delimiters only, as spreadsheets leave at the end
             table.append(row)
     if not table:
@@ -138,7 +138,7 @@ def _table(path: Path, rows: Any, names: list[str], delimiter: str, first: int) 
     return table
 
 
-def _uneven(
+def _uneven_error(
     path: Path, line: int, row: list[str], names: list[str], delimiter: str, rest: bool
 ) -> RecordingError:
     cut = len(row) < len(names) and not rest

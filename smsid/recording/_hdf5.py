@@ -22,7 +22,7 @@ def read_hdf5(path: Path) -> dict[str, NDArray[Any]]:
     Raises:
         RecordingError: no HDF5, cut short or damaged.
     """
-    return {name: _unpacked(values, attributes) for name, values, attributes in _datasets(path)}
+    return {name: _unpack_values(values, attributes) for name, values, attributes in _datasets(path)}
 
 
 def read_matlab_hdf5(path: Path) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def _datasets(path: Path) -> list[tuple[str, NDArray[Any], dict[str, Any]]]:
     return found
 
 
-def _unpacked(values: NDArray[Any], attributes: dict[str, Any]) -> NDArray[Any]:
+def _unpack_values(values: NDArray[Any], attributes: dict[str, Any]) -> NDArray[Any]:
     fill = [attributes[key] for key in ("_FillValue", "missing_value") if key in attributes]
     scale, offset = attributes.get("scale_factor"), attributes.get("add_offset")
     missing = np.zeros(values.shape, dtype=bool)

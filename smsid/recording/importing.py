@@ -254,9 +254,9 @@ class _Import:
             return conjugate(values) if table.direction == "inertial_to_body" else values
         if quantity.dims:
             values = self._convert_units(name, table, quantity, values)
-        values = self._signed(name, table, values)
+        values = self._apply_signs(name, table, values)
         if table.attitude is not None:
-            values = self._turned(name, table, values)
+            values = self._turn_vectors(name, table, values)
         return values
 
     def _convert_units(
@@ -279,7 +279,7 @@ class _Import:
             self._one_length(name, table, arrays)
             values = np.stack(arrays, axis=1)
         else:
-            values = self._picked(name, table, arrays[0])
+            values = self._pick_components(name, table, arrays[0])
         if values.ndim == 1 and quantity.dims:
             values = values[:, None]
         stations = ("station", "axis") in quantity.dims and values.ndim == 2
@@ -317,7 +317,7 @@ class _Import:
             advice = "Export them together, or map them to sources with clocks of their own."
             raise self._fault(name, f"its columns have different lengths: {listed}.", advice, lengths=lengths)
 
-    def _picked(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
+    def _pick_components(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
         if table.time_axis >= max(values.ndim, 1):
             text = f"time_axis = {table.time_axis}, but '{table.columns[0]}' has shape {values.shape}."
             raise self._fault(name, text, f"Choose an axis below {values.ndim}.")
@@ -329,7 +329,7 @@ class _Import:
             raise self._fault(name, text, "It picks columns of a two-dimensional array, counted from 0.")
         return values[:, list(table.index)]
 
-    def _signed(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
+    def _apply_signs(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
         if isinstance(table.sign, int):
             return values * float(table.sign) if table.sign != 1 else values
         if values.ndim < 2 or values.shape[-1] != len(table.sign):
@@ -337,7 +337,7 @@ class _Import:
             raise self._fault(name, text, "Give one sign, or one per component.")
         return values * np.array(table.sign, dtype=np.float64)
 
-    def _turned(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
+    def _turn_vectors(self, name: str, table: ChannelTable, values: FloatArray) -> FloatArray:
         assert table.attitude is not None
         if self.is_absent(table.attitude):
             text = f"the attitude '{table.attitude}' that turns it is absent."

@@ -61,8 +61,8 @@ def estimate_lag(
         RecordingError: clocks that do not increase, samples that are not finite, less than ``4 * largest`` in
             common, a constant signal, a correlation below 0.3, or a peak at the end of the search.
     """
-    t1, x1 = _checked(first, "first")
-    t2, x2 = _checked(second, "second")
+    t1, x1 = _check_signal(first, "first")
+    t2, x2 = _check_signal(second, "second")
     common = 1.0 / min(float(np.median(np.diff(t))) for t in (t1, t2))
     begin, end = max(t1[0], t2[0]) + largest, min(t1[-1], t2[-1]) - largest
     if largest <= 0.0 or (end - begin) < max(2.0 * largest, MIN_SAMPLES / common):
@@ -158,7 +158,7 @@ def _jackknife(reference: np.ndarray, wide: np.ndarray, middle: int, steps: int,
     return float(np.sqrt((blocks - 1) / blocks * np.sum((np.array(found) - np.mean(found)) ** 2))) / rate
 
 
-def _checked(signal: tuple[ArrayLike, ArrayLike], name: str) -> tuple[np.ndarray, np.ndarray]:
+def _check_signal(signal: tuple[ArrayLike, ArrayLike], name: str) -> tuple[np.ndarray, np.ndarray]:
     t, x = (np.asarray(s, dtype=float) for s in signal)
     if t.ndim != 1 or t.shape != x.shape or t.size < 2:
         raise RecordingError(

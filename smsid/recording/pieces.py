@@ -37,7 +37,7 @@ def complete_spans(recording: Recording) -> tuple[tuple[float, float], ...]:
             spans.append((at, min(low, end)))
         at = max(at, high)
     spans.append((at, end))
-    return tuple(span for span in spans if span[1] > span[0] and _sampled(recording, *span))
+    return tuple(span for span in spans if span[1] > span[0] and _is_sampled(recording, *span))
 
 
 def complete_pieces(recording: Recording) -> tuple[Recording, ...]:
@@ -80,6 +80,6 @@ def even_with_gaps(recording: Recording, names: Sequence[str]) -> tuple[np.ndarr
     return np.vstack(rows[:-1]), rate
 
 
-def _sampled(recording: Recording, t0: float, t1: float) -> bool:
+def _is_sampled(recording: Recording, t0: float, t1: float) -> bool:
     clocks = list(recording.times().values())
     return all(np.count_nonzero((times >= t0) & (times <= t1)) >= 2 for times in clocks)

@@ -94,7 +94,7 @@ class Recording(ShortRepr):
     def __getitem__(self, name: str) -> FloatArray:
         """Give the samples of a channel, (N, ...), read-only; raise `RecordingError` if it is not there."""
         self.require(name)
-        return _frozen(self._data.channels[name][1])
+        return _freeze(self._data.channels[name][1])
 
     def __contains__(self, name: object) -> bool:
         return name in self._data.channels
@@ -188,7 +188,7 @@ class Recording(ShortRepr):
                 advice=f"Ask for one of {', '.join(self.clocks)} by time('<source>'), or resample.",
                 clocks=self.clocks,
             )
-        return _frozen(self._data.clocks[clock])
+        return _freeze(self._data.clocks[clock])
 
     def clock_of(self, name: str) -> str:
         """Name the clock of a channel; raise `RecordingError` if it is not there."""
@@ -197,7 +197,7 @@ class Recording(ShortRepr):
 
     def times(self) -> dict[str, FloatArray]:
         """Give the times [s], (N,), of every clock."""
-        return {clock: _frozen(times) for clock, times in self._data.clocks.items()}
+        return {clock: _freeze(times) for clock, times in self._data.clocks.items()}
 
     def require(self, *names: str) -> None:
         """Raise `RecordingError` naming the channels that are missing and those that are there."""
@@ -299,7 +299,7 @@ class Recording(ShortRepr):
                 )
             kept[clock] = slice(int(inside[0]), int(inside[-1]) + 1)
         ends = [float(t) if np.isfinite(t) else None for t in (t0, t1)]
-        return Recording(self._data.cut(kept))._noted({"window": ends})
+        return Recording(self._data.cut(kept))._with_step({"window": ends})
 
     def shifted(self, by: float) -> Recording:
         """Let every clock show so much more [s]."""
@@ -322,7 +322,7 @@ class Recording(ShortRepr):
         times = _resampling.new_times(self, rate_or_times)
         channels = _resampling.interpolate_channels(self, times)
         built = self._rebuilt(times, channels, self.labels, self.units)
-        return built._noted({"resampled": {"start": float(times[0]), "samples": int(times.size)}})
+        return built._with_step({"resampled": {"start": float(times[0]), "samples": int(times.size)}})
 
     def with_channels(
         self,
@@ -381,7 +381,7 @@ class Recording(ShortRepr):
         header = {"provenance": self.provenance, "role": self.role, "name": self.name}
         return Recording.from_arrays(time, channels, labels=labels, units=units, **header)
 
-    def _noted(self, step: Mapping[str, Any]) -> Recording:
+    def _with_step(self, step: Mapping[str, Any]) -> Recording:
         return self.with_provenance({"steps": [*self.provenance.get("steps", []), dict(step)]})
 
     def _with_header(self, **changes: Any) -> Recording:
@@ -397,7 +397,7 @@ class Recording(ShortRepr):
     def __reduce__(self) -> tuple[Any, ...]:
         return (Recording, (self._data,))
 
-    def _told(self) -> tuple[str, list[tuple[str, str]]]:
+    def _title_and_rows(self) -> tuple[str, list[tuple[str, str]]]:
         title = f"recording{f' {self.name!r}' if self.name else ''} for {self.role}"
         rows = []
         for clock, times in self.times().items():
@@ -408,7 +408,7 @@ class Recording(ShortRepr):
         return title, rows
 
 
-def _frozen(values: Any) -> FloatArray:
+def _freeze(values: Any) -> FloatArray:
     array = np.asarray(values, dtype=np.float64).view()
     array.setflags(write=False)
     return array

@@ -78,7 +78,7 @@ def coverage_figures(summary: Summary) -> list[Figure]:
     if not tested:
         return []
     rows = [
-        _held(p.name, p.coverage, p.coverage_band, p.coverage_holds, f"{100 * p.coverage:.1f} %",
+        _verdict_row(p.name, p.coverage, p.coverage_band, p.coverage_holds, f"{100 * p.coverage:.1f} %",
               f"{p.covered} of {p.runs} runs")
         for p in tested if p.coverage is not None
     ]  # fmt: skip
@@ -90,7 +90,9 @@ def coverage_figures(summary: Summary) -> list[Figure]:
     out = [Figure("coverage-chart", "Coverage of the 95 % intervals", chart, caption)]
     ratios = [p for p in summary.parameters if p.ratio is not None and p.ratio_band is not None]
     if ratios:
-        rows = [_held(p.name, p.ratio, p.ratio_band, p.ratio_holds, number(p.ratio, 3)) for p in ratios]
+        rows = [
+            _verdict_row(p.name, p.ratio, p.ratio_band, p.ratio_holds, number(p.ratio, 3)) for p in ratios
+        ]
         values = [x for p in ratios for x in (p.ratio, *(p.ratio_band or ())) if x]
         axis = Axis.over("spread of the errors / predicted standard deviation", values, log=True)
         alt = "spread relative to prediction by parameter"
@@ -100,7 +102,7 @@ def coverage_figures(summary: Summary) -> list[Figure]:
     return out
 
 
-def _held(
+def _verdict_row(
     name: str, x: float | None, band: tuple[float, float] | None, holds: bool | None, text: str, tip: str = ""
 ) -> ChartRow:
     bad = holds is False

@@ -78,14 +78,14 @@ def modal_report(
 
 def verdict(found: AmbientModes, ratio: float) -> tuple[str, Tone]:
     """Return one sentence on the modes, and what it is worth; ``ratio``: residual over scatter they leave."""
-    other = f" {_listed(found.harmonics)} Hz: harmonics, no modes." if found.harmonics else ""
+    other = f" {_list_numbers(found.harmonics)} Hz: harmonics, no modes." if found.harmonics else ""
     if not found.modes:
         return f"No mode is stable over model orders and correlation windows.{other}", "neutral"
     weak = [f"mode {k}" for k, m in enumerate(found.modes, 1) if m.damping_sigma > 0.5 * m.damping]
     sigma = max(m.frequency_sigma / m.frequency for m in found.modes)
     plural = "modes are" if len(found.modes) > 1 else "mode is"
     sentence = (
-        f"{len(found.modes)} {plural} found at {_listed([m.frequency for m in found.modes])} Hz, every "
+        f"{len(found.modes)} {plural} found at {_list_numbers([m.frequency for m in found.modes])} Hz, every "
         f"frequency to {share(NORMAL95 * sigma)} (95 %)."
     )
     if any(m.impulsive for m in found.modes):
@@ -98,7 +98,7 @@ def verdict(found: AmbientModes, ratio: float) -> tuple[str, Tone]:
     return sentence + other, "good"
 
 
-def _listed(values: Sequence[float]) -> str:
+def _list_numbers(values: Sequence[float]) -> str:
     texts = [number(x, 4) for x in values]
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 

@@ -73,9 +73,9 @@ def residuals_of(
             described = Parameters.of(model)
             pairs = [piece_of(model, r, Nuisance()) for r in recordings]
             pieces, locals_ = tuple(p for p, _ in pairs), tuple(local for _, local in pairs)
-            seen = _held(pieces, candidates(described, linear)[-1], locals_)
+            seen = _evaluate_held(pieces, candidates(described, linear)[-1], locals_)
         try:
-            before = _held(pieces, described, locals_)
+            before = _evaluate_held(pieces, described, locals_)
         except SmsidError as error:
             LOGGER.info("the description cannot be simulated beside: %s", error)
             before = None
@@ -91,7 +91,9 @@ def residuals_of(
     return tuple(out)
 
 
-def _held(pieces: Sequence[RecordingTerm], at: Parameters, locals_: Sequence[NuisanceValues]) -> Evaluation:
+def _evaluate_held(
+    pieces: Sequence[RecordingTerm], at: Parameters, locals_: Sequence[NuisanceValues]
+) -> Evaluation:
     """What is seen with the parameters held and everything else fitted."""
     found = minimise(pieces, Point(at, tuple(locals_)), Prior(at), np.arange(at.size))
     return Evaluation.at(pieces, found.point)

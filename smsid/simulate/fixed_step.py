@@ -71,7 +71,7 @@ def simulate_closed_loop(
     with np.errstate(over="ignore", invalid="ignore"):
         for i in range(0, steps, hold):
             end = min(i + hold, steps)
-            pending.append(_asked(controller, time[i], q[i], v[i]))
+            pending.append(_ask_controller(controller, time[i], q[i], v[i]))
             tau[i:end] = now = pending.pop(0)
             rows = slice(i, end + 1)
             take_held_steps(
@@ -97,7 +97,7 @@ def check_finite(time: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray
         )
 
 
-def _asked(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _ask_controller(controller: Controller, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     tau = np.array(controller(t, q.copy(), v.copy()), dtype=float)
     if tau.shape != v.shape:
         raise ExperimentError(

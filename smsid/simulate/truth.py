@@ -86,7 +86,7 @@ def exact_readings(
             }
         case "encoder":
             found = {
-                "joint_position": _unwrapped(model.encoder_angles(s.q)) + _twist(model, s, held, inverse),
+                "joint_position": _unwrap(model.encoder_angles(s.q)) + _twist(model, s, held, inverse),
                 "joint_velocity": model.encoder_rates(s.v),
             }
         case "tachometer":
@@ -126,13 +126,13 @@ def commands(trajectory: Trajectory, s: States) -> dict[str, np.ndarray]:
             sample(inputs.thruster, s.time) if inputs.thruster else np.zeros((n, size))
         )
     if len(model.wheels):
-        found["command.wheel_torque"] = _asked(inputs.wheel_torque, s, model.wheels.v)
+        found["command.wheel_torque"] = _with_reaction(inputs.wheel_torque, s, model.wheels.v)
     if len(model.arm_joints):
-        found["command.joint_torque"] = _asked(inputs.joint_torque, s, model.arm_joints.v)
+        found["command.joint_torque"] = _with_reaction(inputs.joint_torque, s, model.arm_joints.v)
     return found
 
 
-def _asked(signal: Signal | None, s: States, index: np.ndarray) -> np.ndarray:
+def _with_reaction(signal: Signal | None, s: States, index: np.ndarray) -> np.ndarray:
     reaction = s.reaction[:, index]
     return reaction if signal is None else sample(signal, s.time) + reaction
 
@@ -199,5 +199,5 @@ def _panel_acceleration(
     return out
 
 
-def _unwrapped(angles: np.ndarray) -> np.ndarray:
+def _unwrap(angles: np.ndarray) -> np.ndarray:
     return np.unwrap(angles, axis=0) if len(angles) > 1 else angles

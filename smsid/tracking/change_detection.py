@@ -258,7 +258,7 @@ class ChangeDetector:
         tried: list[_Found] = []
         for group in order[:MOST]:
             worth, start, log_p = found[group]
-            tried.append(self._tried(group, start, alarm, scale, log_p))
+            tried.append(self._try_jump(group, start, alarm, scale, log_p))
             if tried[-1].run.left <= UNEXPLAINED:
                 break
         best = min(tried, key=lambda x: x.run.left)  # runs may begin at different times
@@ -270,7 +270,7 @@ class ChangeDetector:
         best.change = replace(best.change, others=others[:3])
         return best
 
-    def _tried(self, group: str, start: JumpStart, alarm: float, scale: float, log_p: float) -> _Found:
+    def _try_jump(self, group: str, start: JumpStart, alarm: float, scale: float, log_p: float) -> _Found:
         """Return a jump of a group, measured from where the linear filter sees it."""
         index = self._groups[group]
         followed = [self.tracker.start.followed[i] for i in index]

@@ -159,15 +159,15 @@ def _rates(
                 f"The rate of '{pattern}' is {given}.",
                 advice="Give zero or more, in its unit per sqrt(s); a trend per second.",
             )
-        for name in _fitting(pattern, names):
+        for name in _matching_names(pattern, names):
             out[name] = rate, trend
     for pattern in hold:
-        for name in _fitting(pattern, names):
+        for name in _matching_names(pattern, names):
             out.pop(name, None)
     return out
 
 
-def _fitting(pattern: str, names: Sequence[str]) -> list[str]:
+def _matching_names(pattern: str, names: Sequence[str]) -> list[str]:
     found = [n for n in names if n == pattern or fnmatchcase(n, pattern)]
     if not found:
         import difflib

@@ -35,11 +35,15 @@ class HiddenStateCarrier:
         previous, out = self._previous, None
         if previous is not None:
             self._noises = self._noises or _noises(self.model, previous)
-            hidden = _carried(self.model, self._before, previous, motion, self._carry, self._noises[0])
+            hidden = _carry_hidden_states(
+                self.model, self._before, previous, motion, self._carry, self._noises[0]
+            )
             if previous.again is not None:
                 more = [m.again if m is not None else None for m in (self._before, previous, motion)]
                 assert more[1] is not None
-                other = _carried(self.model, more[0], more[1], more[2], self._carry_again, self._noises[1])
+                other = _carry_hidden_states(
+                    self.model, more[0], more[1], more[2], self._carry_again, self._noises[1]
+                )
                 hidden = replace(hidden, again=other)
             out = previous, hidden
         self._before, self._previous = previous, motion
@@ -54,7 +58,7 @@ class Carry:
     modes: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
-def _carried(
+def _carry_hidden_states(
     model: SpacecraftModel,
     before: MeasuredMotion | None,
     motion: MeasuredMotion,

@@ -258,13 +258,13 @@ class MomentumTracker:
         if self._tls is None or self._errors is None:
             moved = np.concatenate([again[0][0] - rows, (again[0][1] - rhs)[:, :, None]], axis=2)
             self._errors = row_errors(rows, rhs, moved, expected, motion.step)
-            self._tls = self._started(self._errors, motion.step)
-            self._other_tls = [self._started(self._errors, motion.step) for _ in again]
+            self._tls = self._start_recursion(self._errors, motion.step)
+            self._other_tls = [self._start_recursion(self._errors, motion.step) for _ in again]
         errors = self._errors
-        x, exact = self._solved(self._tls, errors, rows, rhs)
-        covariance = self._widened(exact, errors, rows, rhs - rows @ x)
+        x, exact = self._solve_equations(self._tls, errors, rows, rhs)
+        covariance = self._widen_covariance(exact, errors, rows, rhs - rows @ x)
         moves = [
-            self._solved(tls, errors, *equations)[0] - x
+            self._solve_equations(tls, errors, *equations)[0] - x
             for tls, equations in zip(self._other_tls, again, strict=True)
         ]
         covariance = covariance * variance_factor(covariance[:-3, :-3], [m[:-3] for m in moves])
@@ -276,7 +276,7 @@ class MomentumTracker:
         before = np.sqrt(np.mean(left**2, axis=0))
         return Update(self._time, self.values, self.sigmas, EQUATIONS, before, fit, float("nan"))
 
-    def _widened(
+    def _widen_covariance(
         self, covariance: np.ndarray, errors: RowErrors, rows: np.ndarray, left: np.ndarray
     ) -> np.ndarray:
         """Return a covariance (n, n) whose variances are no less than what residuals say.
@@ -301,7 +301,7 @@ class MomentumTracker:
         return covariance * np.outer(factor, factor)
 
     @staticmethod
-    def _solved(
+    def _solve_equations(
         tls: RecursiveTls, errors: RowErrors, rows: np.ndarray, rhs: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Take equations in; return unknowns (n,), and their covariance (n, n) if noise is all there is."""
@@ -312,7 +312,7 @@ class MomentumTracker:
             errors.scale, errors.scale
         )
 
-    def _started(self, errors: RowErrors, step: float) -> RecursiveTls:
+    def _start_recursion(self, errors: RowErrors, step: float) -> RecursiveTls:
         n = len(errors.scale)
         covariance = np.zeros((n, n))
         covariance[:-3, :-3], covariance[-3:, -3:] = self._covariance, FREE**2 * np.eye(3)

@@ -165,7 +165,7 @@ class ParameterFilter:
             begun.q = pin.integrate(self.at.base.plant.pin, begun.q, self.offset[:nv])
             begun.v = begun.v + self.offset[nv:]
             try:
-                end, change, score, information = begun._followed(self.since, self._models_then)
+                end, change, score, information = begun._follow_passes(self.since, self._models_then)
             except SmsidError:
                 return  # lost about this point: the filter goes on as it is
             shift(self.at.base.plant.pin, self.at, end, -change @ self.offset)
@@ -187,7 +187,7 @@ class ParameterFilter:
             self.origin, self.followed, values, self.layout, self.locked, self.at, self.sigmas()
         )
 
-    def _followed(
+    def _follow_passes(
         self, passes: Sequence[tuple], models: Callable[[float], Linearisation]
     ) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:
         """Return where passes lead, how that changes with the motion where they begin (x, 2 nv), and score

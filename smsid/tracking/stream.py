@@ -163,7 +163,7 @@ class Stream:
         # beside what is newer, others may come late: it stays for the tracker to wait with
         until = max(x.time for x in self._first) - (0.0 if over else self.lateness or 0.0)
         later = [x for x in self._first if x.time > until]
-        first = _recorded([x for x in self._first if x.time <= until])
+        first = _recording_of([x for x in self._first if x.time <= until])
         heard: deque[Update] = deque(maxlen=1)
         _, self.tracker = track_recordings(
             self.description, [first], warm_up=self.begin, hear=heard.append, **self._asked
@@ -231,7 +231,7 @@ def _change(change: Change) -> Discrimination:
     }
 
 
-def _recorded(samples: Sequence[Sample]) -> Recording:
+def _recording_of(samples: Sequence[Sample]) -> Recording:
     """Return the recording of samples: a clock a source, what it did not read then is missing."""
     sources: dict[str, dict[int, dict[str, np.ndarray]]] = {}  # by microseconds: what is nearer is the same
     widths: dict[str, int] = {}

@@ -161,7 +161,7 @@ def _track(
     smoothed = None
     if smooth:
         try:
-            smoothed, unsettled = _smoothed(new, tracker, flown, rows)
+            smoothed, unsettled = _smooth_rows(new, tracker, flown, rows)
             notes += unsettled
         except SmsidError as error:
             notes.append(f"nothing is smoothed: {error}")
@@ -194,7 +194,7 @@ def _track(
     return history, tracker
 
 
-def _smoothed(
+def _smooth_rows(
     new: Callable[[], Tracker],
     tracker: Tracker,
     flown: Sequence[tuple[Flight, Recording, float | None]],

@@ -350,7 +350,9 @@ class Tracker:
             for k in reached:
                 there = np.isfinite(read[k - done])
                 part = 0 if count == 1 else min(before + 1, k) - done, k - done
-                update = self._told(record, part, float(times[k]), float(times[k] - times[before]), there)
+                update = self._update_of(
+                    record, part, float(times[k]), float(times[k] - times[before]), there
+                )
                 before = k
                 out.append(update)
                 self.samples += 1
@@ -399,7 +401,7 @@ class Tracker:
                 if not np.isfinite(values[block.rows]).all():
                     values[block.rows] = np.nan
 
-    def _told(
+    def _update_of(
         self, record: Record, part: tuple[int, int], time: float, passed: float, there: np.ndarray
     ) -> Update:
         names, k = self._row_names, part[1]

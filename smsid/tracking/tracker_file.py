@@ -90,7 +90,7 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
         "waiting": _entries(tracker.buffer.waiting, "waiting", arrays),
         "settling": _entries(tracker._settling, "settling", arrays),
         "commands": {},
-        "beginning": _beginning(f, arrays),
+        "beginning": _beginning_table(f, arrays),
     }
     for channel, own in tracker.commands.memory.items():
         document["commands"][channel] = [t for t, _ in own]
@@ -152,8 +152,8 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     buffer = tracker.buffer
     buffer.passed, buffer.newest = document["passed"], document["newest"]
     buffer.read = set(document["read"])
-    buffer.waiting = _restored(document["waiting"], "waiting", arrays)
-    tracker._settling = _restored(document["settling"], "settling", arrays)
+    buffer.waiting = _restore_events(document["waiting"], "waiting", arrays)
+    tracker._settling = _restore_events(document["settling"], "settling", arrays)
     tracker.log.last.extend(Event(**e) for e in document["events"])
     tracker.log.counts.update(document["counts"])
     for channel, times in document["commands"].items():
@@ -164,7 +164,7 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     return tracker
 
 
-def _beginning(f: ParameterFilter, arrays: dict[str, np.ndarray]) -> dict[str, Any] | None:
+def _beginning_table(f: ParameterFilter, arrays: dict[str, np.ndarray]) -> dict[str, Any] | None:
     """Return what there is to say of a beginning that may be filtered again; its arrays are added."""
     begun, passes = f.begun, f.since
     if begun is None:
@@ -270,7 +270,9 @@ def _entries(entries: list[MomentEvents], prefix: str, arrays: dict[str, np.ndar
     return out
 
 
-def _restored(table: list[dict[str, Any]], prefix: str, arrays: dict[str, np.ndarray]) -> list[MomentEvents]:
+def _restore_events(
+    table: list[dict[str, Any]], prefix: str, arrays: dict[str, np.ndarray]
+) -> list[MomentEvents]:
     return [
         MomentEvents(e["time"], {c: arrays[f"{prefix}{i}:{c}"] for c in e["channels"]})
         for i, e in enumerate(table)

@@ -29,7 +29,7 @@ def linearise_by_search(
     linearisation changes: means and covariances stay what they are.
     """
     f = tracker.filter
-    begun = thinned(_beginning(flight, seconds, f.followed))  # where to be linear takes no more
+    begun = thinned(_first_seconds(flight, seconds, f.followed))  # where to be linear takes no more
     unknowns = []
     sought = [i for i, x in enumerate(f.followed) if x.of < 0]
     for i in sought:
@@ -51,7 +51,7 @@ def linearise_by_search(
     return (taken[0].problem.timing, taken[0].problem.substep), []
 
 
-def _beginning(flight: Flight, seconds: float, followed: Sequence[Followed]) -> Flight:
+def _first_seconds(flight: Flight, seconds: float, followed: Sequence[Followed]) -> Flight:
     """Return the first seconds of a flight; to a search for one value, a bias that wanders is noise."""
     data = flight.problem.data
     n = int(np.searchsorted(data.times, data.times[0] + seconds, side="right"))

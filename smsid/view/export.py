@@ -70,7 +70,7 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
         commands = list(scene_commands(scene))
     if scene.look.background == "auto":
         facts["skies"] = {
-            name: [_packed(c) for c in sky_commands(scene, name)] for name in ("light", "space")
+            name: [_pack_command(c) for c in sky_commands(scene, name)] for name in ("light", "space")
         }
     folder = resources.files("smsid.view")
     page = Template(folder.joinpath("player.html").read_text(encoding="utf-8"))
@@ -81,7 +81,7 @@ def export_html(view: Replay | Scene, path: str | os.PathLike[str], *, title: st
         viewer=viewer,
         player=folder.joinpath("player.js").read_text(encoding="utf-8"),
         facts=json.dumps(facts).replace("<", "\\u003c"),  # no text ends the script it stands in
-        commands=json.dumps([_packed(c) for c in commands]),
+        commands=json.dumps([_pack_command(c) for c in commands]),
     )
     logger.info("%s: %.1f MB", path, len(text) / 1e6)
     return atomic_write(path, text)
@@ -146,7 +146,7 @@ def _floats(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def _packed(command: Command) -> str:
+def _pack_command(command: Command) -> str:
     packed = require("umsgpack", "view").packb(command, force_float_precision="single")
     return base64.b64encode(packed).decode("ascii")
 
@@ -197,7 +197,7 @@ class Readout:
 
 def readouts(played: Replay) -> list[Readout]:
     """Return the numbers of a replay: forces, momentum, slosh, deflection, and how far companions are off."""
-    found = [*_signs(played), *_hidden(played)]
+    found = [*_signs(played), *_hidden_readouts(played)]
     for other in played.companions:
         found += _differences(played, other)
     return found
@@ -217,7 +217,7 @@ def _signs(played: Replay) -> Iterator[Readout]:
         yield Readout("angular momentum", "N m s", _norm(played.frames.momenta.angular), "angular momentum")
 
 
-def _hidden(played: Replay) -> Iterator[Readout]:
+def _hidden_readouts(played: Replay) -> Iterator[Readout]:
     model, q = played.scene.model, played.motion.q
     for slosh in model.slosh:
         if np.any(q[:, slosh.q]):

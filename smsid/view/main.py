@@ -70,7 +70,7 @@ def played(
     first = recordings[0]
     named = [(r.name if isinstance(r, Recording) else "tracked") for r in recordings]
     names = names or [n or f"recording {k}" for k, n in enumerate(named, start=1)]
-    motions = [r if isinstance(r, Recording) else _tracked(model, r) for r in recordings]
+    motions = [r if isinstance(r, Recording) else _tracked_states(model, r) for r in recordings]
     beside: list = list(zip(names[1:], motions[1:], strict=True))
     if simulated:
         if not isinstance(first, Recording):
@@ -82,7 +82,7 @@ def played(
     )
 
 
-def _tracked(model: SpacecraftModel, history: TrackHistory) -> States:
+def _tracked_states(model: SpacecraftModel, history: TrackHistory) -> States:
     from smsid.view.tracked import tracked_states  # the tracker takes time to load
 
     return tracked_states(model, history)

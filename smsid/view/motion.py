@@ -78,7 +78,7 @@ def motion_of(
     torque = tau[:, 3:6] - np.cross(model.thrust_point, force) if model.free else np.zeros_like(force)
     return DrawnMotion(
         times,
-        _between(model, found, times),
+        _configurations_at(model, found, times),
         at(force),
         v=at(found.v),
         torque=at(torque),
@@ -96,7 +96,7 @@ def grid(start: float, stop: float, step: float, max_frames: int) -> np.ndarray:
     return start + step * np.arange(count) if stop > start else np.array([start])
 
 
-def _between(model: SpacecraftModel, states: States, times: np.ndarray) -> np.ndarray:
+def _configurations_at(model: SpacecraftModel, states: States, times: np.ndarray) -> np.ndarray:
     t = states.time
     if len(t) == len(times) and np.array_equal(t, np.clip(times, t[0], t[-1])):
         return states.q

@@ -59,7 +59,7 @@ def test_what_a_turning_vertical_does_is_the_sum_of_its_parts(known, problem):
     """Against the effect's own forces along the run."""
     found = evaluate(known.point, known.unknowns[:1], problem)
     effect = GravityGradient(name="g", gradient=0.4, nadir=(0.6, 0.0, -0.8), normal=(0.0, 1.0, 0.0))
-    own = candidate()._turned(found, effect)
+    own = candidate()._turning_sensitivity(found, effect)
     plain = effect.model_copy(update={"gradient": 0.0})
     whole = found.changes.effect(plain, effect, 1.0)
     for part, of in ((own.middle, whole.middle), (own.at, whole.at)):

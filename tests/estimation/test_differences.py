@@ -10,7 +10,7 @@ import pytest
 from smsid.estimation.differences import ALIKE, derivatives_hold, difference_equations
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.maximum import _moved, equations_at_maximum, has_converged, maximise
+from smsid.estimation.maximum import _one_step_on, equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming
@@ -87,13 +87,13 @@ def test_a_little_last_step_asks_for_no_differences_anew(known, flight, unknowns
     best = normal_equations(
         retract(exact.point, unknowns, bounded_step(exact) * exact.scales), unknowns, [flight]
     )
-    little, anew = _moved(exact, best), difference_equations(best, [flight])
+    little, anew = _one_step_on(exact, best), difference_equations(best, [flight])
     assert little is not None and little.exact
     off = little.slope - anew.slope
     assert off @ np.linalg.solve(anew.gram, off) < 0.05**2
     promised = predicted_gain(exact, bounded_step(exact))
-    assert _moved(exact, replace(best, objective=exact.objective - 0.5 * promised)) is None
-    assert _moved(difference_equations(away(2.0), [flight]), best) is None
+    assert _one_step_on(exact, replace(best, objective=exact.objective - 0.5 * promised)) is None
+    assert _one_step_on(difference_equations(away(2.0), [flight]), best) is None
 
 
 RIGID = Satellite(wheel=0.001, tank=(1e-6, 1e-4, 1e-6), panel=(1.0, 0.1, 1e-6, -1e-6))

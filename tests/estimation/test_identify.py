@@ -61,8 +61,8 @@ def test_a_long_flight_begins_with_its_first_samples(monkeypatch):
     slow = Recording.from_arrays(t, channels)
     long = Recording.from_arrays(t, {"imu.angular_rate": rate})
     pushed = long.with_channels({"command.force": rate + 1.0})
-    assert identify._beginning(slow) is slow and identify._beginning(pushed) is pushed
-    assert len(identify._beginning(long).time()) == few + 1
+    assert identify._first_samples(slow) is slow and identify._first_samples(pushed) is pushed
+    assert len(identify._first_samples(long).time()) == few + 1
     asked = []
 
     def paper(_, recordings, **__):
@@ -72,6 +72,6 @@ def test_a_long_flight_begins_with_its_first_samples(monkeypatch):
         return "whole"
 
     monkeypatch.setattr(identify, "by_the_paper", paper)
-    started: Any = identify._started
+    started: Any = identify._starting_point
     assert started(None, [long], None) == ("whole", "whole")
     assert asked == [few + 1, len(t)]

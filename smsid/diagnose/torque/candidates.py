@@ -114,7 +114,7 @@ def torque_candidates(
     if known:
         found += _bodies(equations)
     found += _users(equations)
-    return tuple(c for c in found if not _listed(c, description.effect))
+    return tuple(c for c in found if not _is_described(c, description.effect))
 
 
 def instance(candidate: TorqueCandidate, effects: Sequence[Effect]) -> Effect:
@@ -123,7 +123,7 @@ def instance(candidate: TorqueCandidate, effects: Sequence[Effect]) -> Effect:
     return next((e for e in effects if e.name == candidate.effect.name), candidate.effect)
 
 
-def _listed(candidate: TorqueCandidate, effects: Sequence[Effect]) -> bool:
+def _is_described(candidate: TorqueCandidate, effects: Sequence[Effect]) -> bool:
     """Whether the description has its columns, so that its parameters are fitted anyway."""
 
     def place(effect: Effect | None) -> Any:
@@ -215,14 +215,14 @@ def _drivetrain(equations: TorqueEquations, joint: str, j: int, *, known: bool) 
     zero = named(JointOffset, joint=joint, angle=0.0)
     described = (e for e in equations.description.effect if e.kind == zero.kind)
     zero = next((e for e in described if getattr(e, "joint", "") == joint), zero)
-    yield one("zero of the joint", zero, ["angle"], _turned(j), moves="zero")
+    yield one("zero of the joint", zero, ["angle"], _zero_columns(j), moves="zero")
     if known:
         gain = named(TorqueGain, joint=joint)
         less = _on(j, lambda e, load: -load[:, :, None])
         yield one("torque constant", gain, ["error"], less, lower=(-1.0,))
 
 
-def _turned(j: int) -> Columns:
+def _zero_columns(j: int) -> Columns:
     """The derivative of the torques by the zero of joint ``j``, of the model that predicts ``load``."""
 
     def columns(e: TorqueEquations, load: np.ndarray) -> np.ndarray:

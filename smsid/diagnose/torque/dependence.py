@@ -58,7 +58,7 @@ def dependences(found: TorqueFit) -> list[SpecificationTest]:
 def _curves(found: TorqueFit) -> np.ndarray:
     """Orthonormal directions in which the turning over of fitted Coulomb friction may differ (rows, k)."""
     parts = []
-    for j, rate, fitted in _rubbing(found):
+    for j, rate, fitted in _coulomb_frictions(found):
         for width in CURVES:
             values = np.zeros((*found.load.shape, 1))
             values[:, j, 0] = np.tanh(rate / width) - np.tanh(rate / fitted)
@@ -67,7 +67,7 @@ def _curves(found: TorqueFit) -> np.ndarray:
     return _beyond(found, np.hstack([none, *parts]), none)
 
 
-def _rubbing(found: TorqueFit) -> Iterator[tuple[int, np.ndarray, float]]:
+def _coulomb_frictions(found: TorqueFit) -> Iterator[tuple[int, np.ndarray, float]]:
     """Yield joint, rate (N,) and width of its sign of all Coulomb friction, described or found."""
     equations = found.equations
     for effect in equations.description.effect:

@@ -118,7 +118,7 @@ class TorqueEquations:
             ends = np.cumsum([len(p.motion.time) for p in self.parts])[:-1]
             own = zip(self.parts, np.split(values, ends), strict=True)
             return np.concatenate([p.filtered(x) for p, x in own])
-        return _banded(values, self.motion.rate, self.band)
+        return _low_pass(values, self.motion.rate, self.band)
 
 
 def torque_equations(
@@ -158,8 +158,8 @@ def torque_equations(
     noise = white_sigma(readings.torque) * np.sqrt(2.0 * within / rate)
     return TorqueEquations(
         description, model, base, motion, fine,
-        _banded(fine, motion.rate, within),
-        _banded(motion.torque, motion.rate, within),
+        _low_pass(fine, motion.rate, within),
+        _low_pass(motion.torque, motion.rate, within),
         _banded_times(motion.time, motion.rate, within),
         within, noise, 1.0 / rate, late,
     )  # fmt: skip
@@ -172,7 +172,7 @@ def _stack_recordings(parts: Sequence[TorqueEquations]) -> TorqueEquations:
         return np.concatenate([getattr(p.motion, name) for p in parts])
 
     joined = replace(
-        parts[0].motion, time=_following([p.motion.time for p in parts]),
+        parts[0].motion, time=_join_clocks([p.motion.time for p in parts]),
         q=whole("q"), v=whole("v"), a=whole("a"), torque=whole("torque"),
     )  # fmt: skip
     fine, rows, torque = (np.concatenate([getattr(p, k) for p in parts]) for k in ("fine", "rows", "torque"))
@@ -180,12 +180,12 @@ def _stack_recordings(parts: Sequence[TorqueEquations]) -> TorqueEquations:
     noise = np.sqrt(np.average([p.noise**2 for p in parts], axis=0, weights=counts))
     return replace(
         parts[0], motion=joined, fine=fine, rows=rows, torque=torque, noise=noise,
-        time=_following([p.time for p in parts]), interval=max(p.interval for p in parts), turns={},
+        time=_join_clocks([p.time for p in parts]), interval=max(p.interval for p in parts), turns={},
         parts=tuple(parts),
     )  # fmt: skip
 
 
-def _following(clocks: Sequence[np.ndarray]) -> np.ndarray:
+def _join_clocks(clocks: Sequence[np.ndarray]) -> np.ndarray:
     """Return clocks as one."""
     out = [clocks[0]]
     for clock in clocks[1:]:
@@ -242,8 +242,8 @@ def motion_cutoff(model: SpacecraftModel, recording: Recording) -> float:
     return float(0.8**11 * top)
 
 
-def _banded(values: np.ndarray, rate: float, band: float) -> np.ndarray:
-    kept = _kept(len(values), rate, band)
+def _low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
+    kept = _kept_samples(len(values), rate, band)
     if values.size == 0:
         return values[kept]
     flat = zero_phase(values.reshape(len(values), -1), rate, band)[kept]
@@ -251,10 +251,10 @@ def _banded(values: np.ndarray, rate: float, band: float) -> np.ndarray:
 
 
 def _banded_times(times: np.ndarray, rate: float, band: float) -> np.ndarray:
-    return times[_kept(len(times), rate, band)]
+    return times[_kept_samples(len(times), rate, band)]
 
 
-def _kept(samples: int, rate: float, band: float) -> slice:
+def _kept_samples(samples: int, rate: float, band: float) -> slice:
     edge = round(SETTLING * rate / band)
     if 2 * edge >= samples:
         raise RecordingError(

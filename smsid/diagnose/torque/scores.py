@@ -64,7 +64,7 @@ def score(
     left = current.left - beside @ (beside.T @ current.left)
     white = _white(current, candidate, kept)
     while kept:
-        found = _projected(left, white, np.hstack([current.basis, beside]), current.rows)
+        found = _project_columns(left, white, np.hstack([current.basis, beside]), current.rows)
         if found is None:
             return None
         estimate, covariance, basis, used = found
@@ -123,7 +123,7 @@ def acts_on_all(current: TorqueFit, s: TorqueScore, simple: Sequence[TorqueCandi
     white = _white(current, s.candidate, s.kept)
     for joint in s.candidate.joints:
         rows = current.rows_of((joint,))
-        found = _projected(left, white * rows[:, None], fitted, current.rows)
+        found = _project_columns(left, white * rows[:, None], fitted, current.rows)
         if found is None:
             return False
         basis = found[2]
@@ -158,13 +158,13 @@ def _own_simple(
     for c in simple:
         if c.location in candidate.joints and not set(c.names) & (own | set(current.names)):
             fitted = np.hstack([current.basis, basis])
-            found = _projected(current.left, _white(current, c, (0,)), fitted, current.rows)
+            found = _project_columns(current.left, _white(current, c, (0,)), fitted, current.rows)
             if found is not None:
                 basis = np.column_stack([basis, found[2]])
     return basis
 
 
-def _projected(
+def _project_columns(
     left: np.ndarray, white: np.ndarray, fitted: np.ndarray, rows: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[int]] | None:
     """Estimate, covariance, orthonormal basis and places of the columns excited beside ``fitted``.

@@ -134,12 +134,12 @@ def _simplest(
 
 
 def _significant(s: TorqueScore, current: TorqueFit, tried: int) -> bool:
-    if _unresolved(s.candidate, s.estimate, current.equations):
+    if _is_below_stamps(s.candidate, s.estimate, current.equations):
         return False
     return s.p_value * tried < LEVELS.candidate and s.gain(current.samples) > 0.0
 
 
-def _unresolved(candidate: TorqueCandidate, x: np.ndarray, equations: TorqueEquations) -> bool:
+def _is_below_stamps(candidate: TorqueCandidate, x: np.ndarray, equations: TorqueEquations) -> bool:
     """Whether a delay is shorter than time stamps are to be believed."""
     return candidate.units == ("s",) and abs(float(x[0])) < THRESHOLDS.stamps * equations.interval
 
@@ -257,7 +257,7 @@ def _chance(current: TorqueFit, cause: TorqueCause, tried: int) -> float:
     x, covariance = current.x[index], current.covariance[np.ix_(index, index)]
     if cause.term.candidate.moves:
         x = x + moved_value(cause.term) - moved_value(Term(cause.score.candidate, cause.term.kept))
-    if _unresolved(cause.term.candidate, x, current.equations):
+    if _is_below_stamps(cause.term.candidate, x, current.equations):
         return 1.0
     wald = float(x @ np.linalg.pinv(covariance) @ x)
     if wald < len(index) * np.log(current.samples):

@@ -48,7 +48,7 @@ def axis_data(model: SpacecraftModel, recording: Recording, axis: str) -> AxisDa
     kept = np.searchsorted(own, time)
     raw = recording[f"{imu.name}.acceleration"][kept, k]
     thrust = actual_thrust(model, recording)
-    force = _held(thrust.times, thrust.values[:, k], time)
+    force = _hold_commands(thrust.times, thrust.values[:, k], time)
     force[time == begin] *= 0.5
     fs = rate_of(recording, imu, "acceleration")
 
@@ -101,7 +101,7 @@ def _drift(sensor: Sensor) -> tuple[float, float]:
     return float(np.max(error.gauss_markov_sigma)), float(error.bias_correlation_time or 1.0)
 
 
-def _held(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _hold_commands(source: np.ndarray, values: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return commands held between their samples; none more than half a step of ``time`` before the first."""
     step = float(time[1] - time[0])  # a clock shifted by a delay may miss the command's by rounding
     held = values[np.clip(np.searchsorted(source, time + 1e-6 * step, side="right") - 1, 0, len(values) - 1)]

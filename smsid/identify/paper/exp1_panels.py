@@ -61,7 +61,7 @@ def identify_axis_of_panels(
     alone = {p.name: p for p in data.panels}
     groups: list[tuple[str, ...]] = [(name,) for name in alone]
     while (pair := _most_alike(data, alone, groups, by_noise=True)) is not None:
-        groups = _joined(groups, pair)
+        groups = _join_groups(groups, pair)
     while True:
         joined = replace(data, panels=tuple(_sum(alone, g) for g in groups))
         try:
@@ -75,14 +75,14 @@ def identify_axis_of_panels(
                 found = replace(identify_axis(joined, tanks, marks), note=AS_PRINTED)
                 return found, _shares_of(alone, groups)
         else:
-            poor = [g for g in groups if not _told(found, _sum(alone, g).name)]
+            poor = [g for g in groups if not _is_identified(found, _sum(alone, g).name)]
             pair = _most_alike(data, alone, groups, among=poor)
             if pair is None:
                 return found, _shares_of(alone, groups)
-        groups = _joined(groups, pair)
+        groups = _join_groups(groups, pair)
 
 
-def _told(found: AxisEstimate, name: str) -> bool:
+def _is_identified(found: AxisEstimate, name: str) -> bool:
     value, sigma = found[name]
     return bool(value > 0.0 and sigma < IDENTIFIABLE_BELOW * value)
 
@@ -130,7 +130,7 @@ def _gain(data: AxisData) -> float:
     return float(np.linalg.norm(data.filtered(unit)))
 
 
-def _joined(groups: Sequence[tuple[str, ...]], pair: tuple[int, int]) -> list[tuple[str, ...]]:
+def _join_groups(groups: Sequence[tuple[str, ...]], pair: tuple[int, int]) -> list[tuple[str, ...]]:
     i, j = pair
     rest = [g for k, g in enumerate(groups) if k not in pair]
     return [*rest[:i], groups[i] + groups[j], *rest[i:]]

@@ -116,7 +116,7 @@ def assemble(
     symbols: dict[str, str] = {}  # the description's parameter name of each symbol
     tanks = [s.tank for s in model.slosh] if axes else []
     marks = tank_marks(tanks)
-    merged = len(tanks) > 1 and any(_lost(found, mark) for mark in marks)
+    merged = len(tanks) > 1 and any(_is_lost(found, mark) for mark in marks)
     if merged:
         notes.append("the tanks cannot be told apart (one has no mass to speak of): they stay as described")
     for tank, mark in zip(tanks, marks, strict=True):
@@ -149,7 +149,7 @@ def assemble(
     )
 
 
-def _lost(found: CombinedAxes, mark: str) -> bool:
+def _is_lost(found: CombinedAxes, mark: str) -> bool:
     """Whether a tank's mass is not different from zero."""
     if f"m_s{mark}" not in found:
         return True

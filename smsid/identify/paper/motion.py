@@ -65,7 +65,7 @@ class MeasuredMotion:
 
     def only(self, kept: slice | np.ndarray) -> MeasuredMotion:
         """Return some of the samples: a slice, or indices (k,)."""
-        return self._made(lambda motion, name: _samples(motion, name)[kept])
+        return self._map_arrays(lambda motion, name: _samples(motion, name)[kept])
 
     def followed_by(self, other: MeasuredMotion) -> MeasuredMotion:
         """Return this motion and then another of the same spacecraft."""
@@ -76,12 +76,14 @@ class MeasuredMotion:
             assert after is not None
             return np.concatenate([_samples(motion, name), _samples(after, name)])
 
-        return self._made(joined)
+        return self._map_arrays(joined)
 
-    def _made(self, make: Callable[[MeasuredMotion, str], np.ndarray]) -> MeasuredMotion:
+    def _map_arrays(self, make: Callable[[MeasuredMotion, str], np.ndarray]) -> MeasuredMotion:
         changed = {f.name: make(self, f.name) for f in fields(self) if f.name not in NOT_SAMPLED}
         panels = {k: make(self, k) for k in self.panels}
-        return replace(self, **changed, panels=panels, again=self.again._made(make) if self.again else None)
+        return replace(
+            self, **changed, panels=panels, again=self.again._map_arrays(make) if self.again else None
+        )
 
     def rigid_acceleration(self, point: np.ndarray) -> np.ndarray:
         """Return the acceleration of a bus-fixed point (3,), or points (N, 3), in bus axes (N, 3)."""

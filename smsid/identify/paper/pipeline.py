@@ -68,7 +68,7 @@ def identify(
     started = time.perf_counter()
     given = description
     model = described = build_model(given)  # first: effects that do not fit their panel are refused by name
-    mends, doubts = _mended(description, [order_columns(r, model) for r in recordings])
+    mends, doubts = _fill_recordings(description, [order_columns(r, model) for r in recordings])
     description, left_out = linear_appendages(given)
     if description != given:
         model = described = build_model(description)
@@ -131,8 +131,10 @@ def identify(
         notes += momentum.notes
         timing |= momentum.timing
         conditions |= momentum.conditions
-    parameters = _doubted(parameters, [m for m in mends if excited_axes(m.recording)], ("acceleration",))
-    parameters = _doubted(parameters, [m for m in mends if not excited_axes(m.recording)], None)
+    parameters = _doubt_bridged(
+        parameters, [m for m in mends if excited_axes(m.recording)], ("acceleration",)
+    )
+    parameters = _doubt_bridged(parameters, [m for m in mends if not excited_axes(m.recording)], None)
     timing["total"] = time.perf_counter() - started
     estimate = Estimate(
         description=description.name,
@@ -159,7 +161,7 @@ def _to_given_description(
     return as_described(given.with_effects(*(e for e in changed if e.name not in own)), bending)
 
 
-def _mended(
+def _fill_recordings(
     description: Description, recordings: Sequence[Recording]
 ) -> tuple[list[FilledRecording], list[str]]:
     check_roles(recordings)
@@ -176,7 +178,7 @@ def _with_notes(error: NotIdentifiableError, notes: Sequence[str]) -> NotIdentif
     return NotIdentifiableError(message, advice=error.advice, **error.evidence)
 
 
-def _doubted(
+def _doubt_bridged(
     parameters: Sequence[ParameterEstimate],
     mends: Sequence[FilledRecording],
     quantities: Sequence[str] | None,

@@ -76,7 +76,7 @@ def refine_pose_point(
         chosen, described = _described_moments(model, b)
         shift = (described - b.values[chosen]) / mass
         shifts.append(shift)
-        motion = _moved(motion, shift)
+        motion = _shift_points(motion, shift)
         if np.linalg.norm(shift) < TOLERANCE:
             sigma = b.sigma[chosen] / mass
             return PosePoint(motion.pose_point, sigma, motion, a, b, chosen, np.array(shifts))
@@ -111,12 +111,12 @@ def with_tracked_point(description: Description, position: tuple[float, float, f
     )
 
 
-def _moved(motion: MeasuredMotion, shift: np.ndarray) -> MeasuredMotion:
+def _shift_points(motion: MeasuredMotion, shift: np.ndarray) -> MeasuredMotion:
     return replace(
         motion,
         pose_point=motion.pose_point + shift,
         imu_point=motion.imu_point + shift,
-        again=_moved(motion.again, shift) if motion.again else None,
+        again=_shift_points(motion.again, shift) if motion.again else None,
     )
 
 

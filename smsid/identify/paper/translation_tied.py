@@ -67,7 +67,7 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
         if limit == 1.0 and np.all(np.abs(step) <= SETTLED * sigma + ROUND_OFF * np.abs(unknowns)):
             break
     else:
-        raise _hidden(
+        raise _hidden_error(
             f"The slosh along {data.axis} does not settle in {STEPS} steps: noise hides it or two are alike."
         )
     for i in range(tanks):
@@ -75,7 +75,7 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
         kappa, beta, mass = unknowns[at : at + 3]
         if abs(beta) >= 2.0 * np.sqrt(kappa) or mass < -SIGNIFICANT * sigma[at + 2]:
             what = "no oscillation" if abs(beta) >= 2.0 * np.sqrt(kappa) else f"a mass of {mass:.3g} kg"
-            raise _hidden(f"The slosh along {data.axis} comes out as {what}: noise or drift hides it.")
+            raise _hidden_error(f"The slosh along {data.axis} comes out as {what}: noise or drift hides it.")
     # tanks by rising frequency, whatever way the iteration took
     own = [np.arange(1 + 3 * i, 4 + 3 * i) for i in np.argsort(unknowns[1 : 1 + 3 * tanks : 3])]
     order = np.concatenate([[0], *own, np.arange(1 + 3 * tanks, len(unknowns))]).astype(int)
@@ -88,7 +88,7 @@ def identify_axis_tied(data: AxisData, tanks: int = 1, marks: Sequence[str] | No
     return AxisEstimate(data.axis, names, values, spread @ spread.T, pi, problem.condition)
 
 
-def _hidden(message: str) -> NotIdentifiableError:
+def _hidden_error(message: str) -> NotIdentifiableError:
     return NotIdentifiableError(message, advice=ADVICE, hidden=True)
 
 
@@ -140,13 +140,13 @@ class _Problem:
                     white[:, :-1] / scale[:-1], white[:, -1] / scale[-1], noise=noise / np.outer(scale, scale)
                 )
             except NotIdentifiableError as error:
-                raise _hidden(
+                raise _hidden_error(
                     f"{self.data.axis} shows no slosh to start from: the record is short."
                 ) from error
             pi = (found.x / scale[:-1] * scale[-1])[: len(self.kinds)]
             theta = fractions(pi, self.kinds, self.tanks)
             if not (np.isfinite(theta).all() and _sensible(theta, self.tanks)):
-                raise _hidden(f"No slosh can be seen along {self.data.axis} to start from.")
+                raise _hidden_error(f"No slosh can be seen along {self.data.axis} to start from.")
             sections = self.sections(pi)
         own = [theta[1 + 4 * i : 4 + 4 * i] for i in range(self.tanks)]
         rho = theta[1 + 4 * self.tanks :][: len(self.data.panels)] / theta[0]

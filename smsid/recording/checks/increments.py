@@ -120,7 +120,7 @@ class KinematicPair:
             found = self._turned(count, thin)[begin : stop : begins.step // thin]
         else:
             ends = slice(begins.start + count, begins.stop + count, begins.step)
-            found = self._between(begins, ends)
+            found = self._increment_between(begins, ends)
         if self.kind == "attitude" and np.linalg.norm(found, axis=1).max() > MAX_TURN:
             return None
         return found[:, column]
@@ -128,10 +128,12 @@ class KinematicPair:
     @cached_property
     def _turned(self) -> Callable[[int, int], FloatArray]:
         return cache(
-            lambda count, thin: self._between(slice(0, self.t.size - count, thin), slice(count, None, thin))
+            lambda count, thin: self._increment_between(
+                slice(0, self.t.size - count, thin), slice(count, None, thin)
+            )
         )
 
-    def _between(self, begins: slice, ends: slice) -> FloatArray:
+    def _increment_between(self, begins: slice, ends: slice) -> FloatArray:
         before, after = self.x[begins], self.x[ends]
         if self.kind == "attitude":
             return turn_between(before, after)
