@@ -32,7 +32,7 @@ from smsid.description import load_description  # noqa: E402
 from smsid.kernel.jit import SWITCH  # noqa: E402
 from smsid.model import build_model  # noqa: E402
 from smsid.paper.table4 import CONTROLLERS, INTEGRATED_GYRO, Run, Study, Table4Row, Variant, cases  # noqa: E402
-from smsid.paper.table4_study import improvements, orderings, printed, summarise  # noqa: E402
+from smsid.paper.table4_study import improvements, orderings, printed_errors, summarise  # noqa: E402
 
 LINES = ROOT / "build" / "table4_runs.jsonl"
 MAIN, QUIET, GYRO = Variant(), "no noise", INTEGRATED_GYRO.name
@@ -153,7 +153,7 @@ def main() -> None:
         before = json.loads((RESULTS / "table4.json").read_text(encoding="utf-8"))["variants"]
     of = {c.name: c for c in cases()}
     for row in (row for variant in before.values() for row in variant["rows"]):
-        row |= printed(of[row["case"]], row["controller"])
+        row |= printed_errors(of[row["case"]], row["controller"])
     result = {
         "environment": environment("pin", "numpy", "scipy"),
         "identified_models": {

@@ -27,7 +27,7 @@ def toml_kind(tables: Mapping[str, Any]) -> str | None:
     return next((kind for kind, keys in TOML_KINDS if any(k in tables for k in keys)), None)
 
 
-def validated(
+def validate_tables(
     model: type[M],
     tables: Mapping[str, Any],
     where: str,

@@ -231,13 +231,13 @@ def is_same_file(a: Path, b: Path) -> bool:
     return os.path.realpath(a) == os.path.realpath(b)
 
 
-def signed(text: str) -> str:
+def with_sum(text: str) -> str:
     """Return a text with a first line, a comment in TOML, that holds the sum of the rest."""
     return f"{SIGNED}{_sum_of(text)}\n{text}"
 
 
 def is_signed(text: str) -> bool:
-    """Return whether a text is what `signed` gave: nobody wrote or changed it by hand."""
+    """Return whether a text is what `with_sum` gave: nobody wrote or changed it by hand."""
     first, _, rest = text.partition("\n")
     return first == f"{SIGNED}{_sum_of(rest)}"
 

@@ -9,7 +9,9 @@ from scipy.linalg import lapack
 FloatArray = NDArray[np.float64]
 
 
-def filtered(b: FloatArray, a: FloatArray, x: FloatArray, start: FloatArray | None = None) -> FloatArray:
+def filter_recursively(
+    b: FloatArray, a: FloatArray, x: FloatArray, start: FloatArray | None = None
+) -> FloatArray:
     """Return ``y`` (N, ...) with ``a_0 y_n + a_1 y_n-1 + ... = b_0 x_n + b_1 x_n-1 + ...``, ``a_0`` one.
 
     Equivalent to `scipy.signal.lfilter` with ``axis=0``: solved as a system with a lower band.

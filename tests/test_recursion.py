@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from smsid._recursion import filtered
+from smsid._recursion import filter_recursively
 
 SECOND = np.array([0.02, 0.04, 0.03]), np.array([1.0, -1.9, 0.95])
 
@@ -14,7 +14,7 @@ SECOND = np.array([0.02, 0.04, 0.03]), np.array([1.0, -1.9, 0.95])
 def test_it_is_lfilter(b, a, shape):
     x = np.random.default_rng(0).standard_normal(shape)
     wanted = lfilter(b, a, x, axis=0) if x.size else x
-    np.testing.assert_allclose(filtered(b, a, x), wanted, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(filter_recursively(b, a, x), wanted, rtol=1e-12, atol=1e-12)
 
 
 def test_it_begins_with_a_state():
@@ -23,4 +23,4 @@ def test_it_begins_with_a_state():
         np.array([[1.0, 2.0, 3.0], [-1.0, 0.0, 4.0]]),
     )
     wanted, _ = lfilter(*SECOND, x, axis=0, zi=state)
-    np.testing.assert_allclose(filtered(*SECOND, x, state), wanted, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(filter_recursively(*SECOND, x, state), wanted, rtol=1e-12, atol=1e-12)

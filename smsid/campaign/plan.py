@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from smsid._explain import validated
+from smsid._explain import validate_tables
 from smsid._reading import read_toml
 from smsid.campaign.vary import Variation
 from smsid.errors import ExperimentError
@@ -114,4 +114,6 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     file = Path(path)
     tables = read_toml(file, ExperimentError)
     folder = file.resolve().parent
-    return validated(Campaign, tables, f"'{file}'", ExperimentError, folder=folder, kind="campaign_plan")
+    return validate_tables(
+        Campaign, tables, f"'{file}'", ExperimentError, folder=folder, kind="campaign_plan"
+    )

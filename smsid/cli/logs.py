@@ -47,7 +47,7 @@ def inspect_command(
     """Tell what is in a log: columns, rates, gaps, ranges, what looks wrong; draft a mapping file."""
     from rich.markup import escape
 
-    from smsid._files import atomic_write, signed
+    from smsid._files import atomic_write, with_sum
     from smsid.cli.output import MOST, clip_line
     from smsid.cli.tables import cut_tables, plain_table
     from smsid.recording.inspect import inspect_file
@@ -100,7 +100,7 @@ def inspect_command(
         else:
             say(f"drafted a mapping of {len(lines)} lines: --map map.toml writes it, --all prints it")
         return CommandResult(document)
-    atomic_write(output, signed(report.mapping))
+    atomic_write(output, with_sum(report.mapping))
     return CommandResult(document, [output])
 
 

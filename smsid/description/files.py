@@ -9,8 +9,8 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel
 
-from smsid._explain import validated
-from smsid._files import atomic_write, signed
+from smsid._explain import validate_tables
+from smsid._files import atomic_write, with_sum
 from smsid._reading import read_toml
 from smsid._xacro_arguments import given_arguments
 from smsid.description.finite_elements import with_finite_elements
@@ -43,7 +43,7 @@ def load_description(path: str | os.PathLike[str]) -> Description:
         return _as_ground_machine(_with_arguments(bare))
     tables = with_finite_elements(read_toml(file, DescriptionError), file.parent)
     advice = "See docs/description.md for every key."
-    found = validated(
+    found = validate_tables(
         Description,
         tables,
         f"'{file}'",
@@ -114,7 +114,7 @@ def save_description(description: Description, path: str | os.PathLike[str]) -> 
     for table, arm in zip(tables.get("arm", []), description.arm, strict=True):
         if arm.urdf is not None:
             table["urdf"] = _relative(description.folder / arm.urdf, file.parent)
-    atomic_write(file, signed(tomli_w.dumps(tables)))
+    atomic_write(file, with_sum(tomli_w.dumps(tables)))
 
 
 def _relative(target: Path, start: Path) -> str:

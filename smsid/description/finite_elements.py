@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from smsid._explain import validated
+from smsid._explain import validate_tables
 from smsid._reading import read_json
 from smsid.description.nastran_reading import NastranMode, read_f06, read_op2, read_punch, read_weights
 from smsid.effects.base import Vector3
@@ -63,7 +63,7 @@ def with_finite_elements(tables: Mapping[str, Any], folder: Path) -> dict[str, A
         rest = {k: v for k, v in entry.items() if k != KEY}
         where = f"[[effect]] '{entry.get('name')}', {KEY},"
         advice = 'Write finite_elements = { file = "panel.f06", nodes = [7], damping = 0.005 }.'
-        asked = validated(FiniteElements, entry[KEY], where, DescriptionError, advice=advice)
+        asked = validate_tables(FiniteElements, entry[KEY], where, DescriptionError, advice=advice)
         found.append({**modal_data(folder / asked.file, asked), **rest})
     return {**tables, "effect": found}
 

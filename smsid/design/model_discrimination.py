@@ -23,7 +23,7 @@ from smsid.design.trials import Trials, families
 from smsid.diagnose.diagnose import RATE
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import Nominal, nominal
-from smsid.diagnose.score_test import Candidate, Score, correlation, scored, signatures
+from smsid.diagnose.score_test import Candidate, Score, correlation, score_candidates, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import ExperimentError, SmsidError
 from smsid.estimation.input_hold import locked_coordinates
@@ -206,7 +206,7 @@ def discriminate(
     columns = signatures(found, pair)
     if len(columns) < 2:
         raise ExperimentError("A cause has no signature in this experiment.")
-    scores = scored(found, pair, [columns[0], columns[1]])
+    scores = score_candidates(found, pair, [columns[0], columns[1]])
     for c, s in zip(pair, scores, strict=True):
         if s.candidate.free != c.free:
             raise ExperimentError(f"'{label(c)}' is not excited in all that it frees.")

@@ -11,7 +11,7 @@ import numpy as np
 
 from smsid.diagnose.change_time_posterior import Starts, cut_sensitivity, step_from
 from smsid.diagnose.onset_scan import onset_ratios
-from smsid.diagnose.score_test import Candidate, Score, changes_of, scored, signatures
+from smsid.diagnose.score_test import Candidate, Score, changes_of, score_candidates, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
@@ -120,7 +120,7 @@ def with_onset(
         def ratios(starts: list[float]) -> Iterator[float]:
             tried = [_from(begins, t) for t in starts]
             columns = signatures(current, tried)
-            scores = scored(current, [tried[i] for i in columns], list(columns.values()))
+            scores = score_candidates(current, [tried[i] for i in columns], list(columns.values()))
             known.update((float(x.candidate.start or 0.0), x) for x in scores)
             return (known[t].ratio if t in known else -np.inf for t in starts)
 
@@ -273,4 +273,4 @@ def cut_score(current: MapFit, candidate: Candidate, changes: Sequence[Sensitivi
     """Return the score of a candidate whose changes begin at a time."""
     run = current.run
     columns = propagate(run, [cut_sensitivity(c, run, start) for c in changes])
-    return scored(current, [candidate], [columns.reshape(-1, len(changes))])[0]
+    return score_candidates(current, [candidate], [columns.reshape(-1, len(changes))])[0]

@@ -47,9 +47,9 @@ from smsid.estimation.joint_problem import (
     joint_problem,
     on_one_clock,
     on_own_clock,
-    thinned,
-    timed,
-    timed_like,
+    thin_problem,
+    with_likely_timing,
+    with_timing_of,
 )
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import JointPrior, Point
@@ -148,7 +148,7 @@ def _diagnose(
     coarse = frozenset(f.component for f in rounded)
 
     def looked_at(faults: Sequence[Fault]) -> Problem:
-        problem = thinned(replace(read, data=drop_samples(whole, faults)), rate)
+        problem = thin_problem(replace(read, data=drop_samples(whole, faults)), rate)
         data = with_walk_noise(inflate_for_quantisation(problem.data, rounded))
         return replace(problem, data=data, bias_walks=bias_walks(data))
 
@@ -164,19 +164,19 @@ def _diagnose(
             note = f"a second search, with what the first one told, failed and was left out: {error}"
             return replace(before, failed=(*before.failed, note))
 
-    problem = timed(point, looked_at(faults), now=False)
+    problem = with_likely_timing(point, looked_at(faults), now=False)
     count = len(problem.data.times)
     fewer = f"{count} of {len(whole.times)} samples looked at" if count < len(whole.times) else ""
     candidates = propose(point, problem, known.unknowns)
     found = searched(problem, point)
-    problem = timed_like(problem, found.last.problem)
+    problem = with_timing_of(problem, found.last.problem)
     rests = resting_channels(found.last, whole, faults)
     if rests:
         LOGGER.info("at rest, not stuck: %s", ", ".join(f.component for f in rests))
         faults = [f for f in faults if all(f is not r for r in rests)]
-        problem = timed_like(looked_at(faults), problem)
+        problem = with_timing_of(looked_at(faults), problem)
         found = searched(problem, point, found)
-    again = timed_like(problem, as_inputs_act(found))
+    again = with_timing_of(problem, as_inputs_act(found))
     if _timings(again) != _timings(problem):  # what was wrong with the model hid it
         LOGGER.info("commands act otherwise: %s", _timings(again))
         problem = again

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.model_comparison import Cause, aliases_of, cost, is_distinguishable, refit
-from smsid.diagnose.score_test import Candidate, Score, scored, signatures
+from smsid.diagnose.score_test import Candidate, Score, score_candidates, signatures
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, strengths, wald
 from smsid.errors import SmsidError
@@ -61,7 +61,7 @@ def exchange_step(
         if type(cause.score.candidate) is not Candidate:
             taken.discard(cause.score.candidate.key)
         rivals = [c for c in candidates if c.key in known and c.key not in taken]
-        scores = scored(less, rivals, [known[c.key] for c in rivals])
+        scores = score_candidates(less, rivals, [known[c.key] for c in rivals])
         better = _best_rival_fit(less, last, own, scores, levels) if exchange else None
         if better is not None:
             LOGGER.info("%s instead of %s", better[0].candidate.key, cause.score.candidate.key)

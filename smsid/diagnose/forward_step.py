@@ -28,7 +28,7 @@ from smsid.diagnose.model_comparison import (
 )
 from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse, refit_noise, with_misfit
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
-from smsid.diagnose.score_test import Candidate, Score, scored, seen_where, signatures
+from smsid.diagnose.score_test import Candidate, Score, score_candidates, seen_where, signatures
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
@@ -424,7 +424,7 @@ class State:
             known = signatures(self.current, missing)
             self._columns.update({missing[i].key: columns for i, columns in known.items()})
         seen = [c for c in rest if c.key in self._columns]
-        scores = scored(self.current, seen, [self._columns[c.key] for c in seen], coarsely=coarsely)
+        scores = score_candidates(self.current, seen, [self._columns[c.key] for c in seen], coarsely=coarsely)
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
         return sorted((*scores, *refused), key=self._worth, reverse=True)
 
@@ -484,7 +484,7 @@ def in_one_recording(
     for part in parts:
         own = [replace(c.apart(names), recording=part.label, grid=c.grid * tried) for c in may]
         there = [seen_where(current, c, columns[c.key]) for c in own]
-        for one in scored(current, own, there):
+        for one in score_candidates(current, own, there):
             known = best[one.candidate.key]
             if one.ratio > known.ratio + (0.0 if known.candidate.recording else least):
                 best[one.candidate.key] = one

@@ -15,7 +15,7 @@ from smsid.diagnose.exchange_step import without_cause
 from smsid.diagnose.stepwise import Search
 from smsid.errors import SmsidError
 from smsid.estimation.input_timing import timings
-from smsid.estimation.joint_problem import timed
+from smsid.estimation.joint_problem import with_likely_timing
 from smsid.estimation.map_estimate import fit
 from smsid.estimation.problem import CommandTiming, Problem, recordings_of
 
@@ -25,15 +25,16 @@ LOGGER = logging.getLogger(__name__)
 def as_inputs_act(found: Search) -> Problem:
     """Return the problem of the last fit with commands as they act by what is known now.
 
-    Without a time offset, what is likeliest at the last fit counts, see `timed`. One is believed only where
-    the model without it, fitted again, explains clearly less with commands of every other way: what tells two
-    causes apart, and what the offset costs in Bayes's criterion. It may have another size beside another way.
+    Without a time offset, what is likeliest at the last fit counts, see `with_likely_timing`. One is believed
+    only where the model without it, fitted again, explains clearly less with commands of every other way:
+    what tells two causes apart, and what the offset costs in Bayes's criterion. It may have another size
+    beside another way.
     """
     last, apart = found.last, found.levels.alias
     causes = (c.score.candidate for c in found.causes)
     late = [c for c in causes if c.effect is not None and c.effect.shifts_time]
     if not late:
-        return timed(last.point, last.problem)
+        return with_likely_timing(last.point, last.problem)
     paid = apart + sum(len(c.free) for c in late) * float(np.log(found.samples))
     chosen, best = last.problem, 2.0 * last.objective + paid
     for choice in dict.fromkeys(t for p in recordings_of(last.problem) for t in timings(p.recording)):

@@ -19,7 +19,14 @@ from scipy.stats import chi2
 from smsid.arm.columns import JointStates
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import fit_to_stated_noise
-from smsid.diagnose.score_test import Candidate, Score, correlation, linear_torques, scored, signatures
+from smsid.diagnose.score_test import (
+    Candidate,
+    Score,
+    correlation,
+    linear_torques,
+    score_candidates,
+    signatures,
+)
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.wald_test import as_fitted
 from smsid.errors import SmsidError
@@ -178,7 +185,7 @@ def _causes(
     less = evaluate(found.point, rest, found.problem)
     both = [*named, *(c for c in others.values() if c not in named)]
     columns = signatures(less, both)
-    scores: list[Score] = scored(less, [both[i] for i in columns], list(columns.values()))
+    scores: list[Score] = score_candidates(less, [both[i] for i in columns], list(columns.values()))
     own = {s.candidate.key: s for s in scores}
     out = []
     for c in named:

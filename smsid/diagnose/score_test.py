@@ -314,7 +314,7 @@ def seen_where(found: MapFit, candidate: Candidate, columns: np.ndarray) -> np.n
     return columns * np.repeat(here, len(columns) // len(here))[:, None]
 
 
-def scored(
+def score_candidates(
     found: MapFit, candidates: Sequence[Candidate], columns: Sequence[np.ndarray], *, coarsely: bool = False
 ) -> list[Score]:
     """Return the scores of candidates from their whitened columns (N rows, d).

@@ -18,11 +18,11 @@ import numpy as np
 from smsid.diagnose.model_comparison import Cause, unfitted_parameters, with_dynamics
 from smsid.diagnose.noise_covariance import MISFIT, normalised_rmse
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
-from smsid.diagnose.score_test import Candidate, scored, signatures
+from smsid.diagnose.score_test import Candidate, score_candidates, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.wald_test import as_fitted, strengths
 from smsid.errors import SmsidError
-from smsid.estimation.joint_problem import at_point, thinned, timed, timed_like
+from smsid.estimation.joint_problem import at_point, thin_problem, with_likely_timing, with_timing_of
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.loosening import loosen_model
 from smsid.estimation.map_estimate import MapFit, evaluate, fit
@@ -58,7 +58,7 @@ def coarse_cause(
 
     What cannot be filtered or fitted loses that candidate only.
     """
-    coarse = replace(thinned(problem, COMPARISON_RATE), substep=SUBSTEP)
+    coarse = replace(thin_problem(problem, COMPARISON_RATE), substep=SUBSTEP)
     best: dict[tuple[str, str, str], tuple[float, Candidate, Point]] = {}
     starts = _starts(point, candidates, [p.label for p in problem.parts])
     for candidate, start in chain(starts, _linear_starts(point, coarse, unknowns, candidates)):
@@ -87,7 +87,7 @@ def coarse_cause(
         nominal = evaluate(point, unknowns, loosen_model(point.model(), problem, SHARES[0]))
         if laws:
             return Coarse(nominal, found, laws)
-        score = scored(nominal, [candidate], list(signatures(nominal, [candidate]).values()))[0]
+        score = score_candidates(nominal, [candidate], list(signatures(nominal, [candidate]).values()))[0]
     except (SmsidError, np.linalg.LinAlgError, IndexError) as error:
         LOGGER.info("%s cannot be scored: %s", candidate.key, error)
         return None
@@ -133,7 +133,7 @@ def _linear_starts(
     try:
         loose = evaluate(point, unknowns, loosen_model(point.model(), at_point(point, problem), SHARES[0]))
         known = signatures(loose, outside)
-        scores = scored(loose, [outside[i] for i in known], list(known.values()))
+        scores = score_candidates(loose, [outside[i] for i in known], list(known.values()))
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("nothing is known to first order: %s", error)
         return
@@ -179,7 +179,9 @@ def _fit_with_less_process_noise(
         point = begun.point  # of a strong payload, where its mass is matters
         unknowns = (*unknowns, *unfitted_parameters(begun, candidate))
         # only now does it show how commands act between samples
-        problem = timed_like(problem, timed(point, loosen_model(point.model(), problem, SHARES[1])))
+        problem = with_timing_of(
+            problem, with_likely_timing(point, loosen_model(point.model(), problem, SHARES[1]))
+        )
         for share in SHARES[1:]:
             point = fit(point, unknowns, loosen_model(point.model(), problem, share), iterations=6).point
         found = fit(point, unknowns, problem, iterations=10)

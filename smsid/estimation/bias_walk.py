@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from smsid.estimation.measurements import ChannelSlice, Measurements, mounting
+from smsid.estimation.measurements import ChannelSlice, Measurements, mounting_matrix
 from smsid.kernel.filter_arrays import Parameters
 from smsid.sensing.error_model import ErrorModel
 
@@ -89,7 +89,7 @@ def unit_bias(block: ChannelSlice, component: int, rows: int) -> np.ndarray:
     out[block.rows.start + component] = 1.0
     if any(block.sensor.orientation) and width % 3 == 0:  # along the sensor's own axes
         at = block.rows.start + component - component % 3
-        out[at : at + 3] = mounting(block.sensor, block.quantity, 3)[:, component % 3]
+        out[at : at + 3] = mounting_matrix(block.sensor, block.quantity, 3)[:, component % 3]
     return out
 
 

@@ -43,7 +43,9 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
     if len(ahead) != 1:
         likely = _likelihoods(point, unknowns, flight, ahead or choices, at_rest)
     best = max(likely, key=lambda t: likely[t], default=now)
-    either = at_rest and {best.hold, now.hold} <= set(VARYING)  # `undecided` says how far that is told
+    either = at_rest and {best.hold, now.hold} <= set(
+        VARYING
+    )  # `undecided_covariance` says how far that is told
     if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEARLY):
         best = now
     told = ", ".join(f"{t.hold} {t.side} {x:.1f}" for t, x in likely.items())
@@ -107,7 +109,7 @@ def with_timing(flight: Flight, timing: CommandTiming) -> Flight:
     return replace(flight, problem=replace(flight.problem, timing=timing))
 
 
-def undecided(found: NormalEquations, flights: Sequence[Flight]) -> tuple[np.ndarray, list[str]]:
+def undecided_covariance(found: NormalEquations, flights: Sequence[Flight]) -> tuple[np.ndarray, list[str]]:
     """Return what is added to the covariance (m, m), in scales, as straight lines may be curves, and notes.
 
     Two models of a recording that are as likely before it are, after it, as their likelihoods; what is known

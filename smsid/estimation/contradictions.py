@@ -141,7 +141,7 @@ def contradictions_of_separate(
     return contradictions_of(parts, prior, told, widening)
 
 
-def contradicting(found: Sequence[Contradiction]) -> NotIdentifiableError:
+def contradiction_error(found: Sequence[Contradiction]) -> NotIdentifiableError:
     """Return the error of recordings that are explained one by one and not together."""
     return NotIdentifiableError(
         "No spacecraft as described flies all of these recordings, though it explains each by itself.",

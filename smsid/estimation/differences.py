@@ -17,7 +17,7 @@ import numpy as np
 from smsid.estimation.filter_run import FilterRun, log_likelihoods, log_volumes
 from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
-from smsid.estimation.loosening import thinned
+from smsid.estimation.loosening import thin_flight
 from smsid.estimation.normal_equations import (
     BLOCKS,
     NormalEquations,
@@ -72,7 +72,7 @@ def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
     size = sizes(found)
     alone = [i for i, u in enumerate(found.unknowns) if u.kind in ("effect", "sensor")]
     axes = np.vstack([_least_told(found), np.diag(1.0 / size)[alone]])
-    fewer = [thinned(f) for f in flights]
+    fewer = [thin_flight(f) for f in flights]
     counts = [sum(len(f.problem.data.times) for f in x) for x in (flights, fewer)]
     if len(axes) and counts[1] < counts[0]:
         here = normal_equations(found.point, found.unknowns, fewer)

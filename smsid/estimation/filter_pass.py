@@ -338,7 +338,7 @@ def run_plain(
             b = forcing @ lin.by_tau
             p[:] = change @ p @ change.T
             p[: 2 * nv, : 2 * nv] += (b * drive.noise) @ b.T
-            p[:first, :first] += walked(change[: 2 * nv, 2 * nv : first], drive.walk * h_k)
+            p[:first, :first] += walk_covariance(change[: 2 * nv, 2 * nv : first], drive.walk * h_k)
             if parameters is not None:
                 own = range(first, len(p))
                 p[own, own] += parameters.rates * h_k
@@ -382,7 +382,7 @@ def correction(
     return rest, white, inverse, across @ inverse.T, np.sqrt(s.diagonal()), likely
 
 
-def walked(moved: np.ndarray, grown: np.ndarray) -> np.ndarray:
+def walk_covariance(moved: np.ndarray, grown: np.ndarray) -> np.ndarray:
     """Return the covariance (x + k, x + k) that random walks of unknown inputs give a state and themselves.
 
     ``moved`` (x, k) is what a mean of one does to the state in an interval, ``grown`` (3, k) by how much

@@ -14,18 +14,18 @@ from smsid.estimation.commands_between_samples import (
     likelihood_with_own_walks,
     with_timing,
 )
-from smsid.estimation.contradictions import contradicting, contradictions_of_separate
+from smsid.estimation.contradictions import contradiction_error, contradictions_of_separate
 from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
 from smsid.estimation.inertial_combinations import reported_parameters
-from smsid.estimation.loosening import FIRST, STEP, likeliest_share, loosen_model, thinned
+from smsid.estimation.loosening import FIRST, STEP, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.trust_region import bounded_step, predicted_gain
-from smsid.estimation.unrecorded_torques import are_told_by_torques, averaged
+from smsid.estimation.unrecorded_torques import are_told_by_torques, with_mean_torques
 from smsid.likelihood.search import GROSS
 
 LOGGER = logging.getLogger(__name__)
@@ -68,7 +68,7 @@ def _approach(
     It errs by the share of what drives it that is likeliest at the point, which every search lowers: one that
     is begun with much less than what is left of errors, begins beyond what its quadratic form holds for.
     """
-    point, coarse = described, [thinned(f) for f in flights]
+    point, coarse = described, [thin_flight(f) for f in flights]
     fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
     share, last, astray = likeliest_share(point, coarse, FIRST), np.inf, 0.0
     while share < last and (share or fewer):
@@ -94,7 +94,7 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     if tell is not None:
         tell("search with the model as it is")
     unrecorded = any(f.problem.profiled for f in flights)
-    flights = averaged(flights)
+    flights = with_mean_torques(flights)
     found, visited = maximise(point, unknowns, flights, tell=tell)
     acting = [as_commands_act(found.point, unknowns, f, has_converged(found)) for f in flights]
     if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
@@ -107,18 +107,20 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     found, flights, more = finely_stepped(found, flights, tell)
     visited += more
     if unrecorded and are_told_by_torques(found, flights):
-        likeliest = averaged(flights, mean=False)
+        likeliest = with_mean_torques(flights, mean=False)
         try:
-            better, more = settled(*maximise(found.point, unknowns, likeliest, tell=tell), likeliest, tell)
+            better, more = settled_maximum(
+                *maximise(found.point, unknowns, likeliest, tell=tell), likeliest, tell
+            )
             if are_told_by_torques(better, likeliest):  # it has not gone off to where noise fits noise
                 return better, likeliest, visited + more
         except NotIdentifiableError as error:
             LOGGER.info("not at the likeliest torques: %s", error)
-    found, more = settled(found, [], flights, tell)
+    found, more = settled_maximum(found, [], flights, tell)
     return found, flights, visited + more
 
 
-def settled(
+def settled_maximum(
     found: NormalEquations, visited: list[NormalEquations], flights: list[Flight], tell: Tell | None
 ) -> tuple[NormalEquations, list[NormalEquations]]:
     """Return the maximum, by differences of whole runs where slopes along states do not lead there."""
@@ -165,7 +167,7 @@ def _refuse_contradicting(
         max(1.0, np.sqrt(2.0 * off)),
     )
     if found:
-        raise contradicting(found)
+        raise contradiction_error(found)
 
 
 def restless(flights: Sequence[Flight], quality: FitQuality) -> NotIdentifiableError:

@@ -17,7 +17,7 @@ from smsid.estimation.batch_check import (
     channels_left,
     contradictions_one_by_one,
 )
-from smsid.estimation.contradictions import Contradiction, contradicting
+from smsid.estimation.contradictions import Contradiction, contradiction_error
 from smsid.estimation.fit_quality import FitQuality
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate
@@ -259,7 +259,7 @@ def _batch(
     except ConvergenceError:
         disagree = contradictions_one_by_one(description, recordings, cad) if len(recordings) > 1 else ()
         if disagree:
-            raise contradicting(disagree) from None
+            raise contradiction_error(disagree) from None
         raise
     quality, disagree = batch_quality(refined), batch_contradictions(refined)
     estimate = refined.estimate

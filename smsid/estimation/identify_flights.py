@@ -13,11 +13,11 @@ from threadpoolctl import threadpool_limits
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError
-from smsid.estimation.commands_between_samples import undecided
+from smsid.estimation.commands_between_samples import undecided_covariance
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
-from smsid.estimation.flight_search import restless, search_flights, settled
+from smsid.estimation.flight_search import restless, search_flights, settled_maximum
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported_parameters, terms_of_total
 from smsid.estimation.likelihood_profile import (
@@ -136,9 +136,9 @@ def _identify(
     if fit_quality(found).quiet:
         flights, error = with_likeliest_error(found.point, flights)
         if error:
-            found, more = settled(*maximise(found.point, unknowns, flights, tell=tell), flights, tell)
+            found, more = settled_maximum(*maximise(found.point, unknowns, flights, tell=tell), flights, tell)
             visited += more
-    doubt, doubts = undecided(found, flights)
+    doubt, doubts = undecided_covariance(found, flights)
     searched = time.perf_counter()
     for _ in range(RESTARTS):
         quality = replace(fit_quality(found), model_error=error)

@@ -33,7 +33,9 @@ COMMANDS = {
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def commanded(model: SpacecraftModel, recording: Recording, hold: Hold, *, required: bool = True) -> Inputs:
+def commanded_inputs(
+    model: SpacecraftModel, recording: Recording, hold: Hold, *, required: bool = True
+) -> Inputs:
     """Return the commanded inputs of a recording; between samples they are held or vary linearly.
 
     ``"smooth"`` ones follow a cubic spline: telemetry that is slow beside what it commands. With ``"jumps"``
@@ -84,7 +86,7 @@ def input_channels(model: SpacecraftModel, recording: Recording) -> dict[str, st
     return found
 
 
-def mixed(recording: Mapping[str, np.ndarray] | Recording) -> bool:
+def is_mixed_hold(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     """Whether some commands (N, k) of a recording jump between samples while some vary smoothly."""
     return all(_looks(recording))
 
@@ -94,7 +96,7 @@ def stepwise(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     return _looks(recording) == (True, False)
 
 
-def curved(recording: Mapping[str, np.ndarray] | Recording) -> bool:
+def bends_between_samples(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     """Whether smooth commands (N, k) bend between samples by as much as matters: none jumps, and halfway
     between samples a cubic through them leaves the straight line by more than `CURVED` of their size.
     """
@@ -123,13 +125,13 @@ def _looks(recording: Mapping[str, np.ndarray] | Recording) -> tuple[bool, bool]
         if channel in recording:
             values = np.asarray(recording[channel], dtype=float)
             values = values.reshape(len(values), -1)
-            jumps = jumping(values)
+            jumps = jump_intervals(values)
             steps |= bool(jumps.any())
             smooth |= any(_smooth(x, j) for x, j in zip(values.T, jumps.T, strict=True))
     return steps, smooth
 
 
-def jumping(values: np.ndarray) -> np.ndarray:
+def jump_intervals(values: np.ndarray) -> np.ndarray:
     """Return in which intervals (N - 1, k) samples (N, k) jump: change far more than before and after.
 
     A pulse of one sample is two jumps, one back from the other. At the ends, where there is no change before
@@ -162,7 +164,7 @@ def _with_ramps(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.n
 
     The last value goes on for another interval: a jump there is one, too, and no slope to be extrapolated.
     """
-    jumps = jumping(values)
+    jumps = jump_intervals(values)
     at = np.flatnonzero(jumps.any(axis=1))
     ramp = max(RAMP * float(np.diff(times).min()), 4.0 * float(np.spacing(np.abs(times).max())))
     before = np.where(jumps[at], values[at], values[at + 1])

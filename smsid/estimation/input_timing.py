@@ -11,7 +11,7 @@ import numpy as np
 from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun, log_likelihoods
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.input_hold import VARYING, Hold, curved, mixed
+from smsid.estimation.input_hold import VARYING, Hold, bends_between_samples, is_mixed_hold
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, Problem
@@ -35,10 +35,10 @@ def timings(recording: Recording) -> tuple[CommandTiming, ...]:
     told = recording.provenance
     side = "left" if "left" in str(told.get("acceleration", "")) else "right"
     sides = (side,) if "acceleration" in told else ("right", "left")
-    holds: tuple[Hold, ...] = ("linear", "held", *(("jumps",) if mixed(recording) else ()))
+    holds: tuple[Hold, ...] = ("linear", "held", *(("jumps",) if is_mixed_hold(recording) else ()))
     if told.get("inputs") in ("held", "linear"):
         holds = (told["inputs"],)
-    if "linear" in holds and curved(recording):
+    if "linear" in holds and bends_between_samples(recording):
         holds = (*holds, "smooth")
     return tuple(CommandTiming(h, s) for h in holds for s in (sides[:1] if h in VARYING else sides))
 

@@ -16,7 +16,7 @@ from smsid.errors import RecordingError
 from smsid.estimation.filter_pass import AppliedForces
 from smsid.estimation.filter_run import FilterRun, run_of_each
 from smsid.estimation.input_timing import timing_of
-from smsid.estimation.kalman import applied, driving
+from smsid.estimation.kalman import applied_forces, driving_forces
 from smsid.estimation.measurements import ChannelSlice, Measurements
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Part, Problem, recordings_of, samples_of_each
@@ -132,12 +132,12 @@ def each(problem: Problem, change: Callable[[Problem], Problem]) -> Problem:
     return replace(problem, data=data, timing=own[0].timing, parts=parts)
 
 
-def thinned(problem: Problem, rate: float) -> Problem:
+def thin_problem(problem: Problem, rate: float) -> Problem:
     """Return a problem with no more than ``rate`` samples a second of each recording."""
     return each(problem, lambda p: replace(p, data=p.data.thinned(rate)))
 
 
-def timed(point: Point, problem: Problem, *, now: bool = True) -> Problem:
+def with_likely_timing(point: Point, problem: Problem, *, now: bool = True) -> Problem:
     """Return a problem with commands as they act by their likelihood, see `timing_of`, in each recording.
 
     ``now``: what is taken now stays unless another is clearly better.
@@ -149,7 +149,7 @@ def timed(point: Point, problem: Problem, *, now: bool = True) -> Problem:
     return replace(problem, timing=found[0], parts=parts)
 
 
-def timed_like(problem: Problem, other: Problem) -> Problem:
+def with_timing_of(problem: Problem, other: Problem) -> Problem:
     """Return a problem with commands as they act in another of the same recordings."""
     parts = tuple(replace(p, timing=q.timing) for p, q in zip(problem.parts, other.parts, strict=True))
     return replace(problem, timing=other.timing, parts=parts)
@@ -209,7 +209,9 @@ class JointSensitivities(Sensitivities):
 
     def _applied_forces(self, model: SpacecraftModel) -> AppliedForces:
         found = [
-            applied(ProcessModel(model, s.problem.locked), s.problem, driving(model, s.inputs), s.run.edges)
+            applied_forces(
+                ProcessModel(model, s.problem.locked), s.problem, driving_forces(model, s.inputs), s.run.edges
+            )
             for s in self.each
         ]
         none = np.zeros((1, model.nv))

@@ -26,17 +26,17 @@ from smsid.simulate.trajectory import States
 AT_ONCE = ("acceleration", "joint_position")  # what depends on the forces of the moment; encoders by a gear
 
 
-def driving(model: SpacecraftModel, inputs: Inputs) -> Signal:
+def driving_forces(model: SpacecraftModel, inputs: Inputs) -> Signal:
     """Return the applied generalised force over time (nv,): made once, as it is of the whole recording."""
     return inputs.driven(model).applied(model)
 
 
-def applied(
+def applied_forces(
     plant: ProcessModel, problem: Problem, signal: Signal, times: np.ndarray | None = None
 ) -> AppliedForces:
     """Return the applied generalised forces on the clock of the samples, or of some ``times`` (n,) of it.
 
-    ``signal`` is as `driving` makes it.
+    ``signal`` is as `driving_forces` makes it.
     """
     whole = problem.data.times
     times = whole if times is None else times
@@ -83,7 +83,7 @@ class KalmanFilter:
         if self.compiled_tables is not None and self.walks is not None:
             own = self.walks.compiled_tables(self.compiled_tables.parameters)
             self.compiled_tables = self.compiled_tables._replace(parameters=own)
-        self.driving = driving(model, problem.inputs(model))
+        self.driving = driving_forces(model, problem.inputs(model))
         self.input_noise = _input_covariance(model, problem)
         self.forces = unknown_forces(problem.unknown_inputs, problem.timing)
         self._readable = _readable(problem)
@@ -124,7 +124,7 @@ class KalmanFilter:
         n = min(samples, len(data.times) - first)
         edges = np.array(data.times[first : first + n + 1], dtype=float)
         if self._applied is None or not np.array_equal(self._applied[0], edges):
-            self._applied = edges, applied(self.base.plant, self.problem, self.driving, edges)
+            self._applied = edges, applied_forces(self.base.plant, self.problem, self.driving, edges)
         forces = replace(self._applied[1], before=self._before)
         times, present = edges[:n], self._readable[first : first + n]
         corrections = int(np.searchsorted(times, self.until, side="right"))

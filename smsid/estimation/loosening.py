@@ -29,7 +29,7 @@ MANY = 1000
 """Samples of a flight that first searches need: of more, those that the filter's linearisation does not."""
 
 
-def thinned(flight: Flight) -> Flight:
+def thin_flight(flight: Flight) -> Flight:
     """Return a flight with no more samples than the first searches need, itself where it has no more.
 
     Sensors of other rates would be missed by every n-th sample: all samples are kept then.

@@ -18,7 +18,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight, flight_of
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import input_channels
-from smsid.estimation.joint_problem import thinned
+from smsid.estimation.joint_problem import thin_problem
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.loosening import loosen_model
 from smsid.estimation.maximum import maximise
@@ -97,7 +97,9 @@ def _fitted_errors(point: Point, recording: Recording) -> float:
 
 def _looked_at(point: Point, recording: Recording, share: float) -> Flight:
     flight = flight_of(point, recording, recording.name)
-    return replace(flight, problem=thinned(loosen_model(flight.model, flight.problem, share), CHECK_RATE))
+    return replace(
+        flight, problem=thin_problem(loosen_model(flight.model, flight.problem, share), CHECK_RATE)
+    )
 
 
 def _hypotheses(model: SpacecraftModel, recording: Recording) -> Iterator[tuple[str, list[str], Correction]]:

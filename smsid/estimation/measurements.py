@@ -345,7 +345,7 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
     apart = any("," in key for key in errors.components)  # stations differ
     shape = (1, stations, axes) if apart else (1, axes)
     width = own if apart else axes
-    turn = np.kron(np.eye(width // axes), mounting(sensor, quantity, axes))
+    turn = np.kron(np.eye(width // axes), mounting_matrix(sensor, quantity, axes))
     scale, bent, constant = np.zeros((3, *shape))
     later = []
     for place, part in errors.parts(shape):
@@ -371,7 +371,7 @@ def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tup
     )
 
 
-def mounting(sensor: Sensor, quantity: str, width: int) -> np.ndarray:
+def mounting_matrix(sensor: Sensor, quantity: str, width: int) -> np.ndarray:
     """Return the matrix (width, width) that takes errors of a reading from the sensor's axes to the bus's.
 
     Places and velocities are read in inertial axes, whichever way the sensor is turned.

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from smsid.estimation.bias_walk import BiasWalk
-from smsid.estimation.input_hold import Hold, commanded
+from smsid.estimation.input_hold import Hold, commanded_inputs
 from smsid.estimation.measurements import ChannelSlice, Measurements
 from smsid.estimation.parameter_vector import JointPrior
 from smsid.model.spacecraft import SpacecraftModel
@@ -182,7 +182,7 @@ class Problem:
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""
-        return commanded(model, self.recording, self.timing.hold, required=self.begin is None)
+        return commanded_inputs(model, self.recording, self.timing.hold, required=self.begin is None)
 
 
 def recordings_of(problem: Problem) -> tuple[Problem, ...]:

@@ -14,7 +14,7 @@ from smsid.errors import NotIdentifiableError
 from smsid.estimation.bias_walk import unit_bias
 from smsid.estimation.filter_pass import AppliedForces, compiled_pays
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.kalman import applied, driving
+from smsid.estimation.kalman import applied_forces, driving_forces
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
@@ -108,7 +108,7 @@ class Sensitivities:
         self.outputs = MeasurementModel(model, problem.data, problem.locked)
         self.sensors = point.sensors()
         self.inputs = problem.inputs(model)
-        self.driving = driving(model, self.inputs) if forces is None else forces
+        self.driving = driving_forces(model, self.inputs) if forces is None else forces
         self.applied = self._applied_forces(model)
         self._rates: np.ndarray | None = None
         self._regressors: dict[int, Sensitivity] = {}
@@ -210,8 +210,8 @@ class Sensitivities:
 
     def _applied_forces(self, model: SpacecraftModel) -> AppliedForces:
         process = ProcessModel(model, self.problem.locked)
-        forces = self.driving if model is self.model else driving(model, self.inputs)
-        return applied(process, self.problem, forces, self.run.edges)
+        forces = self.driving if model is self.model else driving_forces(model, self.inputs)
+        return applied_forces(process, self.problem, forces, self.run.edges)
 
     def bias(self, unknown: Unknown) -> Sensitivity:
         """Return the change by the bias of one component, along the sensor's own axes, of a channel."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from smsid.estimation.filter_pass import walked
+from smsid.estimation.filter_pass import walk_covariance
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.problem import Problem
@@ -92,7 +92,7 @@ def predicted_covariances(
         passed, known = float(run.edges[k + 1] - run.edges[k]), width - len(wander)
         if walk.size:
             inner = known - walk.shape[1]
-            added = walked(run.transition[k][:inner, inner:known], walk * passed)
+            added = walk_covariance(run.transition[k][:inner, inner:known], walk * passed)
             onwards = run.transition[k][inner:known, inner:known]  # inputs by their rates
             added[inner:] = onwards @ added[inner:]
             added[:, inner:] = added[:, inner:] @ onwards.T

@@ -26,7 +26,7 @@ ASKED = 0.01  # share of what is known along an axis that the recordings tell, f
 WEAK = 3  # axes, those told least
 
 
-def averaged(flights: Sequence[Flight], mean: bool = True) -> list[Flight]:
+def with_mean_torques(flights: Sequence[Flight], mean: bool = True) -> list[Flight]:
     """Return the flights with parameters compared in the ``mean`` over all torques, or at the likeliest."""
     return [replace(f, problem=replace(f.problem, averaged=mean)) for f in flights]
 

@@ -10,8 +10,8 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from smsid._explain import validated
-from smsid._files import atomic_write, signed
+from smsid._explain import validate_tables
+from smsid._files import atomic_write, with_sum
 from smsid._reading import read_toml
 from smsid._short_repr import ShortRepr
 from smsid.errors import ExperimentError
@@ -146,10 +146,10 @@ class Experiment(ShortRepr, _Table):
 def load_experiment(path: str | os.PathLike[str]) -> Experiment:
     """Load an experiment from its TOML; raises `ExperimentError` naming the place and the mend."""
     tables = read_toml(path, ExperimentError)
-    return validated(Experiment, tables, f"'{path}'", ExperimentError, kind="experiment")
+    return validate_tables(Experiment, tables, f"'{path}'", ExperimentError, kind="experiment")
 
 
 def save_experiment(experiment: Experiment, path: str | os.PathLike[str]) -> None:
     """Write the TOML, whole or not at all."""
     tables = experiment.model_dump(mode="json", by_alias=True, exclude_none=True)
-    atomic_write(Path(path), signed(tomli_w.dumps(tables)))
+    atomic_write(Path(path), with_sum(tomli_w.dumps(tables)))

@@ -195,11 +195,11 @@ def summarise(runs: Sequence[Run], wanted: Sequence[Table4Row]) -> list[dict[str
                 values = np.array([getattr(r, name) for r in found])
                 low, middle, high = np.percentile(values, [2.5, 50.0, 97.5])
                 row[f"e_{name}"] = {"median": float(middle), "interval": [float(low), float(high)]}
-            rows.append(row | printed(case, controller))
+            rows.append(row | printed_errors(case, controller))
     return rows
 
 
-def printed(case: Table4Row, controller: str) -> dict[str, float]:
+def printed_errors(case: Table4Row, controller: str) -> dict[str, float]:
     """Return the paper's e_b and e_i of a row [rad], read in `PRINTED_UNIT`; nothing where it has none."""
     found = case.paper.get(controller)
     scale = PRINTED_UNITS[PRINTED_UNIT]

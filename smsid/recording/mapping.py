@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from smsid._explain import toml_kind, validated
+from smsid._explain import toml_kind, validate_tables
 from smsid._reading import read_toml
 from smsid.errors import RecordingError
 from smsid.recording._units import check_unit, convert, same_dimension
@@ -166,7 +166,7 @@ def parse_mapping(tree: dict[str, Any], where: str = "The mapping") -> ImportMap
             f"{where}: no channel is mapped.",
             advice="In a draft, take away the '# ' of the tables you have checked.",
         )
-    mapping = validated(
+    mapping = validate_tables(
         ImportMapping, tree, where, RecordingError, advice="Mend the mapping.", kind="mapping"
     )
     check_mapping(mapping, where)

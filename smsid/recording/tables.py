@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from smsid._files import atomic_path, signed
+from smsid._files import atomic_path, with_sum
 from smsid.errors import RecordingError, require
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, quantity_of
 from smsid.recording.columns import Columns
@@ -67,7 +67,7 @@ def mapping_text(
             table["labels"] = known
         channels[channel] = table
     head = {"name": recording.name, "role": recording.role}
-    return signed(tomli_w.dumps({"recording": head, **clocks, "channel": channels}))
+    return with_sum(tomli_w.dumps({"recording": head, **clocks, "channel": channels}))
 
 
 def labels_of(recording: Recording, channel: str) -> list[str]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.diagnose.model_comparison import Cause
-from smsid.diagnose.score_test import Candidate, Score, changes_of, correlation, scored, signatures
+from smsid.diagnose.score_test import Candidate, Score, changes_of, correlation, score_candidates, signatures
 from smsid.diagnose.specification_tests import PAST, adequacy
 from smsid.diagnose.stepwise import Search
 from smsid.errors import SmsidError
@@ -117,7 +117,7 @@ def rescore(search: Search) -> tuple[Score, ...]:
         candidates.setdefault(s.candidate.key, s.candidate)
     known = list(candidates.values())
     columns = signatures(search.nominal, known)
-    found = scored(search.nominal, [known[i] for i in columns], list(columns.values()))
+    found = score_candidates(search.nominal, [known[i] for i in columns], list(columns.values()))
     return tuple(sorted(found, key=lambda s: -s.information_gain(search.samples)))
 
 
@@ -256,7 +256,7 @@ def _candidate_shares(search: Search, found: MapFit, total: float) -> tuple[Cand
         CandidateShare(
             s.candidate, min(1.0, s.ratio / total), s.candidate.key in named, s.candidate.key in aliases
         )
-        for s in scored(found, [listed[i] for i in columns], list(columns.values()))
+        for s in score_candidates(found, [listed[i] for i in columns], list(columns.values()))
         if s.freedom
     ]
     # of equal shares the cause first, then the simpler

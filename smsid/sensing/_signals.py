@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from smsid._recursion import filtered
+from smsid._recursion import filter_recursively
 from smsid._time_text import time_text
 from smsid.errors import RecordingError
 from smsid.recording._attitude import slerp
@@ -46,7 +46,7 @@ def gauss_markov(
     innovation = np.sqrt(-np.expm1(-2.0 * np.diff(times) / correlation_time))
     white[1:] *= innovation.reshape(-1, *(1,) * (len(shape) - 1))
     if keep.size and np.ptp(keep) <= 1e-12:
-        return filtered(np.ones(1), np.array([1.0, -float(np.mean(keep))]), white)
+        return filter_recursively(np.ones(1), np.array([1.0, -float(np.mean(keep))]), white)
     for k, factor in enumerate(keep):
         white[k + 1] += factor * white[k]
     return white

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from smsid._recursion import filtered
+from smsid._recursion import filter_recursively
 from smsid._time_text import time_text
 from smsid.errors import RecordingError
 from smsid.sensing._signals import FloatArray
@@ -139,7 +139,7 @@ def butterworth(rate: float, cutoff: float) -> list[tuple[FloatArray, FloatArray
 
 def _low_passed(x: FloatArray, sections: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
     for b, a in sections:
-        x = filtered(b, a, x)
+        x = filter_recursively(b, a, x)
     return x
 
 

@@ -33,7 +33,7 @@ class StatePrediction:
 def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: float) -> StatePrediction:
     """Return state and readings ``horizon`` [s] ahead under ``inputs``; the filter is not changed."""
     ahead = now.snapshot()
-    edges = filled(ahead.time, ahead.time + horizon, setting.longest)
+    edges = fill_times(ahead.time, ahead.time + horizon, setting.longest)
     count = sum(b.quantity == "attitude" for b in ahead.layout.blocks)
     nothing = np.full((len(edges), ahead.layout.rows), np.nan), np.zeros((len(edges), count, 4))
     found = ahead.go_on(edges, ahead.drive(inputs, setting.substep, edges), *nothing)
@@ -41,7 +41,7 @@ def predict(now: ParameterFilter, inputs: Inputs, setting: Setting, horizon: flo
     return StatePrediction(ahead.time, ahead.q, ahead.v, covariance_in_units(ahead), readings, sigmas)
 
 
-def filled(start: float, end: float, longest: float) -> np.ndarray:
+def fill_times(start: float, end: float, longest: float) -> np.ndarray:
     """Return times (n,) from start to end [s], ``longest`` apart at most; one if they are the same."""
     if end <= start:
         return np.array([start])

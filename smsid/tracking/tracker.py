@@ -27,7 +27,7 @@ from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN, Rate, StartingPoint, followed_parameters
 from smsid.tracking.linearisation import point_at
 from smsid.tracking.parameter_filter import ParameterFilter
-from smsid.tracking.prediction import StatePrediction, covariance_in_units, filled, predict
+from smsid.tracking.prediction import StatePrediction, covariance_in_units, fill_times, predict
 from smsid.tracking.sample import Sample
 from smsid.tracking.sample_buffer import EventLog, MomentEvents, SampleBuffer
 from smsid.tracking.setting import Setting
@@ -313,7 +313,7 @@ class Tracker:
         known = inputs if inputs is not None else self.commands.inputs()
         edges, at = [f.time], []
         for entry in entries:
-            edges += filled(edges[-1], entry.time, setting.longest).tolist()[1:]
+            edges += fill_times(edges[-1], entry.time, setting.longest).tolist()[1:]
             at.append(len(edges) - 1)
         times = np.array(edges)
         drive = f.drive(known, setting.substep, times, self._before)

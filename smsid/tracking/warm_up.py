@@ -11,7 +11,7 @@ import numpy as np
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.flight_search import search_flights
-from smsid.estimation.loosening import thinned
+from smsid.estimation.loosening import thin_flight
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming
 from smsid.tracking.followed_parameters import Followed
@@ -29,7 +29,7 @@ def linearise_by_search(
     linearisation changes: means and covariances stay what they are.
     """
     f = tracker.filter
-    begun = thinned(_first_seconds(flight, seconds, f.followed))  # where to be linear takes no more
+    begun = thin_flight(_first_seconds(flight, seconds, f.followed))  # where to be linear takes no more
     unknowns = []
     sought = [i for i, x in enumerate(f.followed) if x.of < 0]
     for i in sought:

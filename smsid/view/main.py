@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from smsid.description import Description
 from smsid.errors import RecordingError, SmsidError
-from smsid.estimation.input_hold import Hold, commanded
+from smsid.estimation.input_hold import Hold, commanded_inputs
 from smsid.inputs.inputs import JointMotion
 from smsid.inputs.signals import Sampled
 from smsid.model.build import build_model
@@ -133,7 +133,7 @@ def _inputs(model: SpacecraftModel, recording: Recording) -> Inputs:
     inputs = Inputs()
     if names:
         others = [name for name in recording.channels if name not in names]
-        inputs = commanded(model, finite.without(*others), hold, required=False)
+        inputs = commanded_inputs(model, finite.without(*others), hold, required=False)
     angles = measured_samples(model, recording, "encoder", "joint_position")
     follow = None
     if inputs.joint_torque is None and angles is not None:

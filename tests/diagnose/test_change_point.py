@@ -23,7 +23,7 @@ from smsid.diagnose.change_point import (
 from smsid.diagnose.forward_step import drop_onset
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause
-from smsid.diagnose.score_test import scored, signatures
+from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate
@@ -48,7 +48,7 @@ def hidden(fitted, key, size, start):
     innovations += moved.reshape(innovations.shape)
     found = replace(found, run=replace(found.run, innovations=innovations))
     columns = signatures(found, candidates)
-    return found, scored(found, [candidates[i] for i in columns], list(columns.values()))
+    return found, score_candidates(found, [candidates[i] for i in columns], list(columns.values()))
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_cause_begins_when_the_effect_does_that_it_is_part_of(fitted):
     first, second = by_shape["coulomb"], by_shape["stribeck"]
     known = first.effect.model_copy(update={"start": 3.0, "coulomb": 0.01})
     found, _ = hidden((point.with_effect(known), problem, unknowns), KEY, 1.0, None)
-    score = scored(found, [second], list(signatures(found, [second]).values()))[0]
+    score = score_candidates(found, [second], list(signatures(found, [second]).values()))[0]
     begun = sync_onset(found, score).candidate
     assert second.effect.start is None and begun.effect.start == 3.0
     assert begun.holds(replace(first, effect=known))

@@ -8,7 +8,7 @@ import pytest
 from smsid.diagnose.exchange_step import exchange_step, recompute_evidence, without_cause
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause, refit
-from smsid.diagnose.score_test import scored, signatures
+from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
 from smsid.estimation.map_estimate import evaluate, fit
@@ -51,7 +51,7 @@ def with_causes(nominal, candidates, keys):
     current, causes = nominal, []
     for key in keys:
         one = next(c for c in candidates if c.key == key)
-        (score,) = scored(current, [one], list(signatures(current, [one]).values()))
+        (score,) = score_candidates(current, [one], list(signatures(current, [one]).values()))
         current = refit(current, score)
         causes.append(Cause(score, (), score.ratio))
     return causes, current
@@ -170,7 +170,7 @@ def test_the_last_cause_is_judged_again_too_where_asked(pair):
     nominal, candidates = pair
     causes, current = with_causes(nominal, candidates, [(*FRICTION, "coulomb")])
     rivals = [c for c in candidates if c.key == (*FRICTION, "viscous")]
-    (rival,) = scored(nominal, rivals, list(signatures(nominal, rivals).values()))
+    (rival,) = score_candidates(nominal, rivals, list(signatures(nominal, rivals).values()))
     causes[0] = replace(causes[0], aliases=((rival, 0.9),))
     (kept,), _ = exchange_step(causes, current, nominal, candidates, DetectionThresholds())
     (again,), last = exchange_step(causes, current, nominal, candidates, DetectionThresholds(), last_too=True)

@@ -19,7 +19,7 @@ from smsid.diagnose.model_comparison import (
     refit,
 )
 from smsid.diagnose.noise_covariance import InflatedFit
-from smsid.diagnose.score_test import Candidate, Score, scored, signatures
+from smsid.diagnose.score_test import Candidate, Score, score_candidates, signatures
 from smsid.diagnose.stepwise import search
 from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.effects import JointFriction
@@ -51,7 +51,7 @@ def rubbed(description, known, friction, duration=6.0):
     current = fit(known.point, known.unknowns[:1], problem)
     candidates = propose(known.point, problem, known.unknowns[:1])
     one = next(c for c in candidates if c.key == ("joint_friction", "joint2", "stribeck"))
-    (score,) = scored(current, [one], list(signatures(current, [one]).values()))
+    (score,) = score_candidates(current, [one], list(signatures(current, [one]).values()))
     return current, score
 
 
@@ -95,7 +95,9 @@ def restless(description, known):
     far = known.point.moved(at_rest.unknowns, 60.0 * np.ones(len(at_rest.unknowns)))
     stopped = evaluate(far, at_rest.unknowns, at_rest.problem)
     assert 2.0 * (stopped.objective - at_rest.objective) > 2.0 * DetectionThresholds().linear
-    (score,) = scored(stopped, [score.candidate], list(signatures(stopped, [score.candidate]).values()))
+    (score,) = score_candidates(
+        stopped, [score.candidate], list(signatures(stopped, [score.candidate]).values())
+    )
     return stopped, at_rest, score
 
 

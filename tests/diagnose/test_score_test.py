@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 from scipy.stats import norm
 
-from smsid.diagnose.score_test import Candidate, correlation, odds, scored
+from smsid.diagnose.score_test import Candidate, correlation, odds, score_candidates
 from smsid.effects import GearCompliance
 from smsid.estimation.map_estimate import MapFit
 
@@ -17,7 +17,7 @@ SHIFT = Candidate("body_error", "link", "inertia", "mass", None, ("a", "b"), (1.
 
 
 def stub(rng, rows, fitted, prior):
-    """What `scored` needs of a fit: derivatives, priors, residual."""
+    """What `score_candidates` needs of a fit: derivatives, priors, residual."""
     whitened = rng.standard_normal((rows, 1, fitted))
     residual = np.concatenate([rng.standard_normal(rows), np.zeros(fitted)])
     own = SimpleNamespace(
@@ -33,7 +33,7 @@ def stub(rng, rows, fitted, prior):
 
 def only(fit, candidate, columns):
     """The score of one candidate."""
-    return scored(fit, [candidate], [columns])[0]
+    return score_candidates(fit, [candidate], [columns])[0]
 
 
 @settings(max_examples=25, deadline=None)

@@ -8,7 +8,7 @@ from smsid.diagnose.priors import nominal
 from smsid.diagnose.stepwise import search
 from smsid.diagnose.verdict import causes
 from smsid.effects import JointFriction
-from smsid.estimation.joint_problem import joint_problem, on_one_clock, thinned
+from smsid.estimation.joint_problem import joint_problem, on_one_clock, thin_problem
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, recordings_of
@@ -45,7 +45,7 @@ def searched(description):
             )
             for p in placed
         ]  # fmt: skip
-        problem = thinned(joint_problem(alone, placed), 25.0)
+        problem = thin_problem(joint_problem(alone, placed), 25.0)
         every = propose(known.point, problem, known.unknowns)
         laws = [c for c in every if c.kind == "joint_friction" and c.location == "joint2"]
         laws = [c for c in laws if c.shape in LAWS]

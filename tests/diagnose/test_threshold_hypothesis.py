@@ -9,7 +9,7 @@ import pytest
 
 from smsid.diagnose.hypotheses import CROSSED, propose
 from smsid.diagnose.profiled_hypothesis import ThresholdHypothesis
-from smsid.diagnose.score_test import scored, signatures
+from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.verdict import values
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate
@@ -40,7 +40,7 @@ def test_the_crossing_is_found(found, play, share):
     done = propagate(found.run, [found.changes.effect(plain, there, 1.0)])[:, :, 0]
     run = replace(found.run, innovations=done)
     (own,) = signatures(found, [play]).values()
-    (score,) = scored(replace(found, run=run), [play], [own])
+    (score,) = score_candidates(replace(found, run=run), [play], [own])
     assert score.candidate.effect.turn_torque == pytest.approx(torque)
     assert score.candidate.grid == len(CROSSED)
     assert score.sides == 1
@@ -50,7 +50,7 @@ def test_the_crossing_is_found(found, play, share):
 def test_a_gap_is_not_negative(found, play):
     (own,) = signatures(found, [play]).values()
     run = replace(found.run, innovations=-own[:, 0].reshape(found.run.innovations.shape))
-    (score,) = scored(replace(found, run=run), [play], [own])
+    (score,) = score_candidates(replace(found, run=run), [play], [own])
     assert score.ratio == 0.0 or score.candidate.effect.turn_torque != pytest.approx(
         CROSSED[0] * np.sqrt(np.mean(found.run.states.tau[:, play.first] ** 2))
     )

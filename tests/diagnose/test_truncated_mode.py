@@ -7,7 +7,7 @@ import pytest
 
 from smsid.diagnose.hypotheses import higher_modes, propose
 from smsid.diagnose.priors import nominal
-from smsid.diagnose.score_test import scored, signatures
+from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.truncated_mode import OFF, STEPS
 from smsid.effects import BeamMode
 from smsid.estimation.map_estimate import evaluate
@@ -41,7 +41,7 @@ def test_it_is_found_beside_the_frequencies_that_are_tried(known, calm, candidat
     # what the model without the mode leaves of data that have it, to first order
     run = replace(plain.run, innovations=plain.run.innovations - there.run.innovations)
     found = replace(plain, run=run)
-    (score,) = scored(found, [candidate], [signatures(found, [candidate])[0]])
+    (score,) = score_candidates(found, [candidate], [signatures(found, [candidate])[0]])
     effect = score.candidate.effect
     assert isinstance(effect, BeamMode)
     assert effect.frequency == pytest.approx(off, abs=2e-3)

@@ -10,7 +10,7 @@ from smsid.diagnose.added_oscillator import LEAST, STEP
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import refit
 from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
-from smsid.diagnose.score_test import Candidate, scored, signatures
+from smsid.diagnose.score_test import Candidate, score_candidates, signatures
 from smsid.diagnose.wald_test import wald
 from smsid.effects import Slosh
 from smsid.estimation.map_estimate import fit
@@ -23,7 +23,7 @@ def test_how_far_from_doing_nothing(known, problem):
     current = fit(known.point, known.unknowns[:1], problem)
     candidates = propose(known.point, problem, known.unknowns[:1])
     one = next(c for c in candidates if c.key == ("joint_friction", "joint2", "viscous"))
-    (own,) = scored(current, [one], list(signatures(current, [one]).values()))
+    (own,) = score_candidates(current, [one], list(signatures(current, [one]).values()))
     found = refit(current, own)
     assert wald(found, one) == pytest.approx(own.ratio, rel=0.2, abs=0.5)
     at = [u.name for u in found.unknowns].index(one.free[0])

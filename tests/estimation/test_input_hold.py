@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smsid.estimation.input_hold import _with_ramps, jumping, limits, means, mixed, stepwise, unevenness
+from smsid.estimation.input_hold import (
+    _with_ramps,
+    is_mixed_hold,
+    jump_intervals,
+    limits,
+    means,
+    stepwise,
+    unevenness,
+)
 from smsid.inputs.changed import Delayed
 from smsid.inputs.signals import Fourier, Sampled
 
@@ -67,7 +75,7 @@ def test_between_jumps_commands_vary_linearly():
     """A torque that varies, and jumps once: held over the jump alone, from its start to its end."""
     values = np.column_stack([np.sin(0.7 * TIMES), np.cos(0.3 * TIMES)])
     values[8:] += [3.0, 0.0]
-    assert np.argwhere(jumping(values)).tolist() == [[7, 0]]
+    assert np.argwhere(jump_intervals(values)).tolist() == [[7, 0]]
     signal = Sampled.from_samples(*_with_ramps(TIMES, values), 1)
     edges = np.array([0.0, 0.2, 0.35, 0.39, 0.4, 0.45, 1.0])
     linear = Sampled.from_samples(TIMES, values, 1)
@@ -83,7 +91,7 @@ def test_a_jump_at_the_last_sample_is_no_slope():
     """Just after it a command is what it was last, not what the jump's slope leads to."""
     values = np.column_stack([np.sin(0.7 * TIMES), np.cos(0.3 * TIMES)])
     values[-1, 0] += 3.0
-    assert jumping(values)[-1].tolist() == [True, False]
+    assert jump_intervals(values)[-1].tolist() == [True, False]
     signal = Sampled.from_samples(*_with_ramps(TIMES, values), 1)
     np.testing.assert_allclose(limits(signal, TIMES[-1:], "right")[0], values[-1], atol=1e-6)
     np.testing.assert_allclose(
@@ -94,17 +102,17 @@ def test_a_jump_at_the_last_sample_is_no_slope():
 def test_what_commands_look_like():
     steps = np.repeat([[0.0], [2.0], [-2.0], [0.0]], 10, axis=0)
     waves = np.sin(0.3 * np.arange(40.0))[:, None]
-    assert stepwise({"command.force": steps}) and not mixed({"command.force": steps})
+    assert stepwise({"command.force": steps}) and not is_mixed_hold({"command.force": steps})
     both = {"command.force": steps, "command.torque": waves}
-    assert mixed(both) and not stepwise(both)
-    assert not stepwise({"command.torque": waves}) and not mixed({"command.torque": waves})
+    assert is_mixed_hold(both) and not stepwise(both)
+    assert not stepwise({"command.torque": waves}) and not is_mixed_hold({"command.torque": waves})
 
 
 def test_a_pulse_of_one_sample_is_two_jumps():
     values = np.zeros((21, 1))
     values[6:] += 1.0
     values[12] += 2.0
-    assert np.argwhere(jumping(values)).tolist() == [[5, 0], [11, 0], [12, 0]]
+    assert np.argwhere(jump_intervals(values)).tolist() == [[5, 0], [11, 0], [12, 0]]
 
 
 def test_times_since_the_epoch_may_have_ramps():
@@ -133,4 +141,4 @@ NOISE = np.random.default_rng(5).standard_normal((400, 3))
 )
 def test_what_is_mixed(force, torque, expected):
     """Steps alone are held, waves alone vary: only both together take both."""
-    assert mixed({"command.force": force, "command.torque": torque}) is expected
+    assert is_mixed_hold({"command.force": force, "command.torque": torque}) is expected

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.effects import ThrusterGain
-from smsid.estimation.input_hold import curved, locked_coordinates
+from smsid.estimation.input_hold import bends_between_samples, locked_coordinates
 from smsid.estimation.input_timing import timing_of, timings
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.measurements import measurements_of
@@ -56,14 +56,14 @@ def test_slow_samples_of_what_varies_are_a_smooth_course(known, recording):
     """At 100 Hz the paper's waves do not bend between samples; at 5 Hz they do, and are followed so."""
     slow = {c: recording[c][::20] for c in recording.channels}
     thin = Recording.from_arrays(recording.time("imu.angular_rate")[::20], slow, labels=recording.labels)
-    assert not curved(recording) and curved(thin)
+    assert not bends_between_samples(recording) and bends_between_samples(thin)
     assert "smooth" in {t.hold for t in timings(thin)}
     assert timing_of(known.point, problem_of(known.point, thin)).hold == "smooth"
 
 
 def test_what_jumps_is_not_smooth(thrust):
     slow = {c: thrust[c][::20] for c in ("command.force", "command.torque")}
-    assert not curved(slow)
+    assert not bends_between_samples(slow)
 
 
 def test_ways_far_behind_over_the_first_samples_go_no_further(known, problem, monkeypatch):

@@ -10,7 +10,7 @@ from smsid.diagnose.priors import nominal
 from smsid.effects import ExternalWrench, JointFriction
 from smsid.errors import RecordingError
 from smsid.estimation.input_hold import locked_coordinates
-from smsid.estimation.joint_problem import at_point, joint_problem, on_one_clock, on_own_clock, thinned
+from smsid.estimation.joint_problem import at_point, joint_problem, on_one_clock, on_own_clock, thin_problem
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
@@ -73,7 +73,7 @@ def alone(known, placed):
 
 @pytest.fixture(scope="module")
 def joint(alone, placed):
-    return thinned(joint_problem(alone, placed), 25.0)
+    return thin_problem(joint_problem(alone, placed), 25.0)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from smsid.estimation import loosening
 from smsid.estimation.commands_between_samples import as_commands_act
 from smsid.estimation.flight import flight_of
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.loosening import FIRST, likeliest_share, thinned
+from smsid.estimation.loosening import FIRST, likeliest_share, thin_flight
 from smsid.estimation.parameter_vector import Point
 
 from .satellite import Satellite, guess, recorded, true_values
@@ -31,16 +31,16 @@ def recording():
 
 def test_only_long_flights_of_one_rate_have_fewer_samples(tmp_path, recording, monkeypatch):
     flight = flight_of(Point.of(guess(tmp_path, RIGID, tank=False, panel=False)), recording, "flight")
-    assert thinned(flight) is flight  # 201 samples would be left
+    assert thin_flight(flight) is flight  # 201 samples would be left
     monkeypatch.setattr(loosening, "MANY", 200)
-    fewer = thinned(flight).problem
+    fewer = thin_flight(flight).problem
     assert len(fewer.data.times) == 201 and len(flight.problem.data.times) == 1001
     assert fewer.substep == pytest.approx(0.025)
     values = flight.problem.data.values.copy()
     values[np.arange(1001) % 5 != 2, 0] = np.nan  # every fifth: none of them is among the samples left
     data = replace(flight.problem.data, values=values)
     slower = replace(flight, problem=replace(flight.problem, data=data))
-    assert thinned(slower) is slower
+    assert thin_flight(slower) is slower
 
 
 @pytest.mark.parametrize(("factor", "low", "high"), [(1.0, 0.0, 0.0), (1.1, 3e-3, 0.3), (10.0, 0.3, 0.3)])

@@ -10,7 +10,7 @@ from smsid.effects import ActuatorDelay, Effect, ThrusterGain, ThrusterMisalignm
 from smsid.errors import DescriptionError, ExperimentError, RecordingError
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.input_hold import commanded
+from smsid.estimation.input_hold import commanded_inputs
 from smsid.inputs.signals import Constant
 from smsid.model import build_model
 from smsid.model.column_order import order_columns
@@ -96,7 +96,7 @@ def test_labels_decide_columns_and_forces_are_shares_of_full_thrust(tmp_path):
         {"command.thruster_force": FULL * shares[:, ::-1]},
         labels={"thruster": ("d", "c", "b", "a")},
     )
-    inputs = commanded(model, order_columns(swapped, model), "held")
+    inputs = commanded_inputs(model, order_columns(swapped, model), "held")
     assert inputs.thruster is not None
     np.testing.assert_allclose(inputs.thruster(0.2), shares[0])
     wrong = Recording.from_arrays(

@@ -10,7 +10,7 @@ from smsid.diagnose import diagnose
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import simplest_law
 from smsid.diagnose.priors import nominal
-from smsid.diagnose.score_test import scored, signatures
+from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
@@ -44,7 +44,7 @@ def test_it_scores_best(name, tmp_path):
     found = evaluate(point, known.unknowns, problem)
     every = propose(point, problem, known.unknowns)
     columns = signatures(found, every)
-    scores = scored(found, [every[i] for i in columns], list(columns.values()))
+    scores = score_candidates(found, [every[i] for i in columns], list(columns.values()))
     samples = found.run.samples
     scores.sort(key=lambda s: -s.odds(samples))
     best = simplest_law(scores[0], scores, samples, DetectionThresholds()).candidate

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid._recursion import filtered
+from smsid._recursion import filter_recursively
 from smsid.errors import NotIdentifiableError
 from smsid.identify.paper.axis_parameters import Kind, fractions, parameter_names, tied_parameters
 from smsid.identify.paper.translation import (
@@ -280,7 +280,7 @@ def whiten(x: np.ndarray, step: float, sections: Sequence[Section]) -> np.ndarra
         lever = 0.5 * step * (beta + 0.5 * kappa * step)
         second = -lever / (1.0 + lever)  # of a unit first sample: the trapezoid starts at zero there
         start = np.array([1.0 - b[0], second - b[1] + a[1]])
-        y = filtered(b, a, y, start.reshape(2, *(1,) * (y.ndim - 1)) * y[:1])
+        y = filter_recursively(b, a, y, start.reshape(2, *(1,) * (y.ndim - 1)) * y[:1])
     return y
 
 
@@ -288,7 +288,7 @@ def whiten_transposed(rows: np.ndarray, step: float, sections: Sequence[Section]
     """Apply the transpose of `whiten` to rows (n, N); exact but for the first sample, of order ``step``."""
     y = rows.T[::-1]
     for beta, kappa in sections:
-        y = filtered(*_coefficients(beta, kappa, step), y)
+        y = filter_recursively(*_coefficients(beta, kappa, step), y)
     return y[::-1].T
 
 
