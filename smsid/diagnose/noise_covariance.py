@@ -18,7 +18,7 @@ from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.loosening import loosen_model
-from smsid.estimation.map_estimate import ENOUGH, MapFit, continue_fit, evaluate, fit
+from smsid.estimation.map_estimate import ENOUGH_GAIN, MapFit, continue_fit, evaluate, fit
 from smsid.estimation.measurements import ChannelSlice, Measurements, matrix
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem, ProcessNoise
@@ -304,7 +304,7 @@ def _fit_scaled_noise(
     found: InflatedFit,
     factor: np.ndarray,
     iterations: int = 8,
-    enough: float = ENOUGH,
+    enough: float = ENOUGH_GAIN,
     *,
     coloured: bool = False,
 ) -> InflatedFit:

@@ -12,7 +12,7 @@ from smsid.effects.base import Effect, Parameter
 from smsid.errors import SmsidError
 from smsid.estimation.bodies import (
     GROUPS,
-    ROUNDED,
+    ROUNDING,
     identified_bodies,
     linear_terms,
     urdf_bodies,
@@ -204,7 +204,7 @@ def _joint_prior(
         covariance = estimate.covariance[np.ix_(places, places)].copy()
     values = {u.name: point.value(u) for u in unknowns}
     rounded = [
-        ROUNDED * sum(abs(f * values.get(n, 0.0)) for n, f in some.items() if abs(f) != 1.0)
+        ROUNDING * sum(abs(f * values.get(n, 0.0)) for n, f in some.items() if abs(f) != 1.0)
         for some in factors.values()
     ]
     covariance[np.diag_indices_from(covariance)] += np.square(rounded)

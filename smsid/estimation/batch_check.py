@@ -14,7 +14,7 @@ from smsid.estimation.contradictions import (
     contradictions_of,
     contradictions_of_separate,
 )
-from smsid.estimation.fit_quality import LOUD, WRONG, ChannelFit, FitQuality
+from smsid.estimation.fit_quality import LOUD_RATIO, WRONG_RATIO, ChannelFit, FitQuality
 from smsid.estimation.prior_conflict import PriorConflict, conflict_of, has_mass
 from smsid.identify.estimate import distinct
 from smsid.identify.paper.pipeline import identify as by_the_paper
@@ -52,7 +52,9 @@ def channels_left(
             ratio = np.sqrt(seen / (stated**2 + inputs))
             k = int(np.argmax(ratio))
             worst = float(ratio[k])
-            judgement = "not explained" if worst > WRONG else "roughly" if worst > LOUD else "explained"
+            judgement = (
+                "not explained" if worst > WRONG_RATIO else "roughly" if worst > LOUD_RATIO else "explained"
+            )
             name = f"{channel.name}[{AXES[k] if r.shape[1] == 3 else k}]"
             channels.append(ChannelFit(piece.name, channel.name, name, worst, np.nan, np.nan, judgement))
     return tuple(channels)

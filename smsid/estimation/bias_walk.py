@@ -15,7 +15,7 @@ from smsid.sensing.error_model import ErrorModel
 if TYPE_CHECKING:
     from smsid.estimation.filter_pass import Moment
 
-SLOW = 1.0 / np.sqrt(3.0)  # of a recording: the correlation time from which a walk is the nearer bound
+LONG_MEMORY = 1.0 / np.sqrt(3.0)  # of a recording: the correlation time from which a walk is the nearer bound
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def walk_rate(errors: ErrorModel, seconds: float = 0.0) -> np.ndarray:
     the nearer bound.
     """
     rate = np.asarray(errors.random_walk, dtype=float)
-    if errors.bias_correlation_time is not None and errors.bias_correlation_time >= SLOW * seconds:
+    if errors.bias_correlation_time is not None and errors.bias_correlation_time >= LONG_MEMORY * seconds:
         rate = np.hypot(rate, errors.gauss_markov_sigma * np.sqrt(2.0 / errors.bias_correlation_time))
     return rate
 
@@ -51,7 +51,7 @@ def walk_noise(errors: ErrorModel, rate: float, seconds: float) -> np.ndarray:
 
     Its density is that of the in-run bias at low frequencies, 2 s^2 T, where it is largest.
     """
-    if errors.bias_correlation_time is None or errors.bias_correlation_time >= SLOW * seconds:
+    if errors.bias_correlation_time is None or errors.bias_correlation_time >= LONG_MEMORY * seconds:
         return np.zeros(())
     return errors.gauss_markov_sigma * np.sqrt(2.0 * errors.bias_correlation_time * rate)
 

@@ -34,10 +34,10 @@ from smsid.model.regressor import Regressor
 GROUPS = ("maximum_likelihood", "exp2.step_b", "arm")
 """Groups of an estimate that hold inertial combinations linear in ordinary parameters."""
 
-PULL = 1.0
+PULL_SIGMA = 1.0
 """Standard deviation of the pull towards the described body: a factor of e in size."""
 
-ROUNDED = 5e-5
+ROUNDING = 5e-5
 """Combinations are named with factors of four digits."""
 
 SMALL = 1e-4
@@ -153,7 +153,7 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
     def errors(phi: np.ndarray) -> np.ndarray:
         found = bodies(phi)
         change = sum(columns[n] @ (parameters_of(found[n]) - described[n]) for n in names)
-        return np.concatenate([np.asarray(change) - fixed, phi / PULL])
+        return np.concatenate([np.asarray(change) - fixed, phi / PULL_SIGMA])
 
     result = least_squares(errors, phi0, max_nfev=200)
     if not result.success:
@@ -209,7 +209,7 @@ def inertial_equations(
         rows.append(row)
         names.append(p.name)
         target.append(value - float(row @ values) - beyond)
-        sigma.append(float(np.hypot(p.sigma, ROUNDED * scale if len(terms) > 1 else 0.0)))
+        sigma.append(float(np.hypot(p.sigma, ROUNDING * scale if len(terms) > 1 else 0.0)))
     return np.array(rows).reshape(-1, len(theta)), np.array(target), np.array(sigma), tuple(names)
 
 

@@ -13,17 +13,16 @@ from scipy.special import expit
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
 from smsid.estimation.input_hold import VARYING
-from smsid.estimation.input_timing import BEHIND, FIRST, timings
-from smsid.estimation.loosening import MANY
+from smsid.estimation.input_timing import CLEAR_GAIN, HOPELESS_LOSS, PARTS, timings
+from smsid.estimation.loosening import MOST_SAMPLES
 from smsid.estimation.normal_equations import NormalEquations, log_likelihood_of, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import CommandTiming
 from smsid.estimation.trust_region import bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
-CLEARLY = 5.0  # gain of the log-likelihood with which commands are taken to act otherwise
 SHARE, FURTHEST = 1.0 / 3.0, 6  # of its walk that a torque is tried with next, and how often
-NEGLIGIBLE = 0.1  # of a standard deviation, by which all parameters may differ before it is worth a note
+NEGLIGIBLE_SHIFT = 0.1  # of a standard deviation, by which all parameters may differ without a note
 
 
 def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, at_rest: bool) -> Flight:
@@ -37,16 +36,16 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
     if len(choices) == 1:
         return flight
     now, data = flight.problem.timing, flight.problem.data
-    some = replace(flight, problem=replace(flight.problem, data=data.first(-(-len(data.times) // FIRST))))
+    some = replace(flight, problem=replace(flight.problem, data=data.first(-(-len(data.times) // PARTS))))
     likely = _likelihoods(point, unknowns, some, choices, at_rest)
-    ahead = [t for t in likely if likely[t] > max(likely.values()) - BEHIND]
+    ahead = [t for t in likely if likely[t] > max(likely.values()) - HOPELESS_LOSS]
     if len(ahead) != 1:
         likely = _likelihoods(point, unknowns, flight, ahead or choices, at_rest)
     best = max(likely, key=lambda t: likely[t], default=now)
     either = at_rest and {best.hold, now.hold} <= set(
         VARYING
     )  # `undecided_covariance` says how far that is told
-    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEARLY):
+    if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEAR_GAIN):
         best = now
     told = ", ".join(f"{t.hold} {t.side} {x:.1f}" for t, x in likely.items())
     LOGGER.info("commands of '%s' taken as %s, %s: %s", flight.label, best.hold, best.side, told)
@@ -85,7 +84,7 @@ def _with_likely_walks(point: Point, flight: Flight) -> Flight:
     """
     if flight.problem.noise.more or all(u.row < 0 for u in flight.problem.unknown_inputs):
         return flight
-    data = flight.problem.data.first(MANY)
+    data = flight.problem.data.first(MOST_SAMPLES)
 
     def wandering(factor: float) -> Flight:
         walks = tuple(
@@ -131,7 +130,7 @@ def undecided_covariance(found: NormalEquations, flights: Sequence[Flight]) -> t
             step = bounded_step(here)
             share = float(expit(predicted_gain(here, step) + here.log_posterior - found.log_posterior))
             more += share * np.outer(step, step)
-            if share * float(step @ found.gram @ step) > NEGLIGIBLE**2:
+            if share * float(step @ found.gram @ step) > NEGLIGIBLE_SHIFT**2:
                 notes.append(
                     f"{flight.label}: nothing tells whether commands bend between samples: taken as "
                     f"{now.hold}, they are {timing.hold} with a probability of {100 * share:.2g} %, which "

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.estimation.filter_pass import ROUND, Instance
+from smsid.estimation.filter_pass import REGULARISATION, Instance
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.kernel import columns as c
 from smsid.kernel.arrays import Force, in_axes_of_table, row_of
@@ -64,7 +64,7 @@ NOTHING = Parameters(
     np.zeros((0, 2), dtype=np.int64),
     np.zeros(0),
     np.zeros(0),
-    ROUND,
+    REGULARISATION,
 )
 
 
@@ -174,7 +174,7 @@ def with_parameters(
         np.array(pushed, dtype=np.int64),
         *trends,
         close,
-        ROUND,
+        REGULARISATION,
     )
     every = [senses, *(x for t in tables for x in t.senses)]
     stacked = {name: np.concatenate([getattr(x, name) for x in every]) for name in _NUMBERS}

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from smsid.estimation.normal_equations import NormalEquations
     from smsid.likelihood.combinations import Combination
 
-LEVEL = 1e-4  # probability below which recordings contradict each other
-APART = 3.5  # standard deviations between two values that are named
-LINEAR = ("kg", "kg m", "kg m^2", "kg/m", "N/m", "N s/m")  # units of what forces are linear in
-NAMED = 5  # parameters at most
-TOLD = 0.5  # of its standard deviation beforehand, what a recording leaves of a value that it tells
+SIGNIFICANCE = 1e-4  # probability below which recordings contradict each other
+NAMED_SIGMAS = 3.5  # standard deviations between two values that are named
+OF_FORCES = ("kg", "kg m", "kg m^2", "kg/m", "N/m", "N s/m")  # units of what forces are linear in
+MOST_NAMED = 5  # parameters at most
+TOLD_SHARE = 0.5  # of its standard deviation beforehand, what a recording leaves of a value that it tells
 
 
 @dataclass(frozen=True)
@@ -108,10 +108,10 @@ def contradictions_of(
         seen = size > 1e-8
         statistic = float(np.sum((basis[:, seen].T @ own) ** 2 / size[seen]))
         p_value = float(chdtrc(int(seen.sum()), statistic))
-        if p_value * len(parts) < LEVEL:
+        if p_value * len(parts) < SIGNIFICANCE:
             apart_by_row = _differences(rows, covariances, slopes, spread)
-            named = [x for x in apart_by_row.values() if abs(x[3]) > APART]
-            named = sorted(named, key=lambda x: -abs(x[3]))[:NAMED]
+            named = [x for x in apart_by_row.values() if abs(x[3]) > NAMED_SIGMAS]
+            named = sorted(named, key=lambda x: -abs(x[3]))[:MOST_NAMED]
             factor = _common_factor(rows, apart_by_row)
             out.append(Contradiction(part.label, p_value, tuple(named), factor))
     return tuple(sorted(out, key=lambda c: c.p_value))
@@ -136,7 +136,7 @@ def contradictions_of_separate(
     told = []
     for row in rows:
         widest = max(float(row.gradient @ np.linalg.solve(g, row.gradient)) for g in grams)
-        if widest < TOLD**2 * float(row.gradient @ np.linalg.solve(prior, row.gradient)):
+        if widest < TOLD_SHARE**2 * float(row.gradient @ np.linalg.solve(prior, row.gradient)):
             told.append(replace(row, value=row.value - float(row.gradient @ moved[0])))
     return contradictions_of(parts, prior, told, widening)
 
@@ -191,11 +191,13 @@ def _common_factor(
     rows: Sequence[Combination], apart: dict[int, tuple[str, float, float, float]]
 ) -> float | None:
     """Return the factor between what both sides say of all that is linear in force, if there is one."""
-    own = [(a / b, abs((a - b) / z / b)) for k, (_, a, b, z) in apart.items() if rows[k].unit in LINEAR and b]
+    own = [
+        (a / b, abs((a - b) / z / b)) for k, (_, a, b, z) in apart.items() if rows[k].unit in OF_FORCES and b
+    ]
     ratio, sigma = np.array(own).reshape(-1, 2).T
     if not len(ratio):
         return None
     factor = float(np.average(ratio, weights=sigma**-2))
-    telling = sigma < abs(factor - 1.0) / APART
+    telling = sigma < abs(factor - 1.0) / NAMED_SIGMAS
     off = (ratio - factor)[telling] / sigma[telling]
-    return factor if telling.sum() > 1 and np.sqrt(np.mean(off**2)) < APART else None
+    return factor if telling.sum() > 1 and np.sqrt(np.mean(off**2)) < NAMED_SIGMAS else None

@@ -19,7 +19,7 @@ from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.loosening import thin_flight
 from smsid.estimation.normal_equations import (
-    BLOCKS,
+    SLOPE_PARTS,
     NormalEquations,
     normal_equations,
     prior_offset,
@@ -27,15 +27,15 @@ from smsid.estimation.normal_equations import (
 )
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.retraction import retract
-from smsid.estimation.trust_region import ROUNDED, room_within_bounds, sizes
+from smsid.estimation.trust_region import REGULARISATION, room_within_bounds, sizes
 
-STEP = 1e-3  # of a difference, in standard deviations along an axis
-ALIKE = 0.3  # of its curvature's root, and of a standard deviation, by which a derivative may differ
-TOLD = 0.5  # share of what is known along an axis, above which it is the recordings that tell it
-WEAK = 3  # axes that are asked about
-PIECE = 200  # samples of which all columns are in memory at once
-TOGETHER = 8  # axes that are asked about before the next are
-EDGE = 10.0  # steps from its bound within which a parameter is moved by itself
+AXIS_STEP = 1e-3  # of a difference, in standard deviations along an axis
+DERIVATIVE_TOLERANCE = 0.3  # of its curvature's root and of a sigma, by which a derivative may differ
+TOLD_SHARE = 0.5  # share of what is known along an axis, above which it is the recordings that tell it
+MOST_AXES = 3  # axes that are asked about
+SAMPLES_AT_ONCE = 200  # samples of which all columns are in memory at once
+AXES_AT_ONCE = 8  # axes that are asked about before the next are
+BOUND_STEPS = 10.0  # steps from its bound within which a parameter is moved by itself
 
 
 def difference_equations(found: NormalEquations, flights: Sequence[Flight]) -> NormalEquations:
@@ -76,9 +76,9 @@ def derivatives_hold(found: NormalEquations, flights: Sequence[Flight]) -> bool:
     counts = [sum(len(f.problem.data.times) for f in x) for x in (flights, fewer)]
     if len(axes) and counts[1] < counts[0]:
         here = normal_equations(found.point, found.unknowns, fewer)
-        axes = axes[_apart(here, fewer, axes, np.sqrt(counts[0] / counts[1])) >= ALIKE]
-    some = (axes[k : k + TOGETHER] for k in range(0, len(axes), TOGETHER))
-    return all(_apart(found, flights, x, 1.0).max() < ALIKE for x in some)
+        axes = axes[_apart(here, fewer, axes, np.sqrt(counts[0] / counts[1])) >= DERIVATIVE_TOLERANCE]
+    some = (axes[k : k + AXES_AT_ONCE] for k in range(0, len(axes), AXES_AT_ONCE))
+    return all(_apart(found, flights, x, 1.0).max() < DERIVATIVE_TOLERANCE for x in some)
 
 
 def _apart(found: NormalEquations, flights: Sequence[Flight], axes: np.ndarray, more: float) -> np.ndarray:
@@ -104,10 +104,10 @@ def _least_told(found: NormalEquations) -> np.ndarray:
     There a slope that leaves a part out leads far: a standard deviation of them is large.
     """
     axes = principal_axes(found)
-    told = np.einsum("ik,ij,jk->k", axes, found.information, axes) > TOLD
+    told = np.einsum("ik,ij,jk->k", axes, found.information, axes) > TOLD_SHARE
     wide = np.linalg.norm(axes * sizes(found)[:, None], axis=0)
     order = np.argsort(-wide, kind="stable")
-    return axes[:, order[told[order]][:WEAK]].T
+    return axes[:, order[told[order]][:MOST_AXES]].T
 
 
 def principal_axes(found: NormalEquations) -> np.ndarray:
@@ -119,10 +119,10 @@ def principal_axes(found: NormalEquations) -> np.ndarray:
     """
     size = sizes(found)
     low, high = (np.abs(x) * size for x in room_within_bounds(found.point, found.unknowns))
-    free = np.minimum(low, high) > EDGE * STEP
+    free = np.minimum(low, high) > BOUND_STEPS * AXIS_STEP
     axes = np.diag(1.0 / size)
     share, basis = np.linalg.eigh(found.gram[np.ix_(free, free)] / np.outer(size[free], size[free]))
-    root = basis / np.sqrt(np.maximum(share, ROUNDED)) / size[free, None]
+    root = basis / np.sqrt(np.maximum(share, REGULARISATION)) / size[free, None]
     directions, lengths, _ = np.linalg.svd(root)
     axes[np.ix_(free, free)] = directions * lengths
     return axes
@@ -143,33 +143,33 @@ def _ends(found: NormalEquations, axes: np.ndarray) -> Ends:
     told /= np.einsum("ki,ij,kj->k", axes, found.gram, axes)
     ends: Ends = []
     for axis, share in zip(axes, told, strict=True):
-        steps = [s for s in (STEP, -STEP) if np.all((low <= s * axis) & (s * axis <= high))]
-        own = steps if share < TOLD else steps[:1]
+        steps = [s for s in (AXIS_STEP, -AXIS_STEP) if np.all((low <= s * axis) & (s * axis <= high))]
+        own = steps if share < TOLD_SHARE else steps[:1]
         points = [(retract(found.point, found.unknowns, s * axis * found.scales), s) for s in own]
         ends.append(points or [(found.point, np.inf)])  # between its bounds it cannot move: no slope
     return ends
 
 
 def _differences(point: Point, flight: Flight, ends: Ends) -> tuple[np.ndarray, np.ndarray]:
-    """Return a recording's Gram matrix (k, k) along axes and the slopes of its `BLOCKS` parts (BLOCKS, k)."""
-    gram, blocks = np.zeros((len(ends), len(ends))), np.zeros((BLOCKS, len(ends)))
+    """Return a recording's Gram matrix (k, k) along axes and slopes (`SLOPE_PARTS`, k)."""
+    gram, blocks = np.zeros((len(ends), len(ends))), np.zeros((SLOPE_PARTS, len(ends)))
     profiled = flight.problem.profiled
     middle, filters = _filter(point, flight), [[(_filter(p, flight), w) for p, w in own] for own in ends]
     count = len(flight.problem.data.times)
-    for first in range(0, count, PIECE):
-        base = Base.of(middle.advance(PIECE))
+    for first in range(0, count, SAMPLES_AT_ONCE):
+        base = Base.of(middle.advance(SAMPLES_AT_ONCE))
         likely, columns = _likelihoods(base.run, profiled), []
         scores = np.empty((len(likely), len(ends)))
         for k, own in enumerate(filters):
-            runs = [(kalman.advance(PIECE), width) for kalman, width in own]
+            runs = [(kalman.advance(SAMPLES_AT_ONCE), width) for kalman, width in own]
             columns.append(np.mean([base.column(there, width, profiled) for there, width in runs], axis=0))
             gained = [(_likelihoods(there, profiled) - likely) / width for there, width in runs]
             scores[:, k] = np.mean(gained, axis=0)
         flat = np.array(columns)
         gram += flat @ flat.T
-        np.add.at(blocks, np.arange(first, first + len(likely)) * BLOCKS // count, scores)
+        np.add.at(blocks, np.arange(first, first + len(likely)) * SLOPE_PARTS // count, scores)
     aside = np.array([sum(w for _, w in own if np.isfinite(w)) / len(own) for own in ends])
-    blocks += 0.5 * aside * np.diag(gram) / BLOCKS  # what a one-sided difference has of the curvature
+    blocks += 0.5 * aside * np.diag(gram) / SLOPE_PARTS  # what a one-sided difference has of the curvature
     return gram, blocks
 
 

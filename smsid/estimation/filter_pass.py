@@ -25,10 +25,10 @@ from smsid.kernel.filter_arrays import Drive, Model, Record, Samples, State
 from smsid.kernel.jit import SWITCH, compiled_already
 from smsid.model.spacecraft import SpacecraftModel
 
-WILD = 1e9  # [m/s, rad/s] rate beyond which a prediction is lost
-CLOSE = 1e-3  # standard deviations within which a parameter is where the model is
-ROUND = 1e-12  # relative: what keeps a covariance of parameters regular
-COMPILATION = 30.0  # [s] that it takes, once; plain passes of as long are waited for before
+LOST_RATE = 1e9  # [m/s, rad/s] rate beyond which a prediction is lost
+CLOSE_SIGMAS = 1e-3  # standard deviations within which a parameter is where the model is
+REGULARISATION = 1e-12  # relative: what keeps a covariance of parameters regular
+COMPILATION_SECONDS = 30.0  # [s] that it takes, once; plain passes of as long are waited for before
 _plain_seconds = [0.0]
 LOGGER = logging.getLogger(__name__)
 
@@ -210,7 +210,7 @@ def filter_samples(
     if compiled is not None and compiled_pays():
         if not compiled_already(kernel.run):
             LOGGER.info("the filter is compiled, once: some 30 s")
-        lost = kernel.run(*compiled, drive, state, samples, record, WILD)
+        lost = kernel.run(*compiled, drive, state, samples, record, LOST_RATE)
     else:
         began = time.perf_counter()
         lost = run_plain(base, parameters, drive, state, samples, record)
@@ -223,7 +223,7 @@ def filter_samples(
 def compiled_pays() -> bool:
     """Return whether to take compiled code: it is there, is asked for, or would be worth the wait by now."""
     asked = os.environ.get(SWITCH) == "1"
-    return asked or compiled_already(kernel.run) or _plain_seconds[0] > COMPILATION
+    return asked or compiled_already(kernel.run) or _plain_seconds[0] > COMPILATION_SECONDS
 
 
 def _empty_record(moves: int, n: int, rows: int, width: int, m: int, model: SpacecraftModel) -> Record:
@@ -328,7 +328,7 @@ def run_plain(
             q, v = plant.step(t + s * part, part, q, v, tau, drive.rise[k, s] + 0.5 * part * climb)
         further = change[: 2 * nv] @ off
         state.q[:], state.v[:] = pin.integrate(plant.pin, q, further[:nv]), v + further[nv:]
-        if not np.abs(state.v).max(initial=0.0) < WILD:
+        if not np.abs(state.v).max(initial=0.0) < LOST_RATE:
             return k
         state.unknown[drive.sloped] += h_k * state.unknown[len(acts) :]
         if parameters is not None:
@@ -422,7 +422,7 @@ def reference(
         if (np.abs(d) > parameters.close * np.sqrt(own.diagonal())).any():
             bends = np.isfinite(parameters.close)
             size = np.sqrt(np.maximum(own.diagonal()[bends], 1e-300))
-            scaled = own[np.ix_(bends, bends)] / np.outer(size, size) + ROUND * np.eye(len(size))
+            scaled = own[np.ix_(bends, bends)] / np.outer(size, size) + REGULARISATION * np.eye(len(size))
             off[:first] = p[:first, first:][:, bends] @ (np.linalg.solve(scaled, d[bends] / size) / size)
     driving, climb, there = *np.zeros((2, nv)), state.unknown - off[2 * nv : first]
     np.add.at(driving, acts, there[: len(acts)])

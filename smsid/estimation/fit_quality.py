@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from smsid.estimation.normal_equations import InnovationSums, NormalEquations
     from smsid.estimation.scale_conflict import ScaleConflict
 
-LOUD = 1.5  # times its stated noise that a channel may leave: data sheets are no better
-WRONG = 3.0  # times beyond which the model does not explain a channel
-CORRELATED = 0.3  # autocorrelation from which a channel's innovations are no noise, whatever its size
-DISPERSED = 1.5  # spread of the slope, in what it should be, above which a fit explains roughly at best
-WHITE = 1e-4  # probability below which innovations are not white
+LOUD_RATIO = 1.5  # times its stated noise that a channel may leave: data sheets are no better
+WRONG_RATIO = 3.0  # times beyond which the model does not explain a channel
+CORRELATED_FROM = 0.3  # autocorrelation from which a channel's innovations are no noise, whatever its size
+DISPERSED_FROM = 1.5  # spread of the slope, in what it should be, above which a fit explains roughly at best
+WHITENESS_LEVEL = 1e-4  # probability below which innovations are not white
 Judgement = Literal["explained", "roughly", "not explained"]
 BEST_FIRST: tuple[Judgement, ...] = ("explained", "roughly", "not explained")
 
@@ -60,9 +60,9 @@ class FitQuality:
     def judgement(self) -> Judgement:
         """The verdict on the whole: of channels, spread of the slope and agreement with priors, the worst."""
         worst = max((BEST_FIRST.index(c.judgement) for c in self.channels), default=0)
-        worst = max(worst, 1 if self.dispersion > DISPERSED or self.model_error else 0)
+        worst = max(worst, 1 if self.dispersion > DISPERSED_FROM or self.model_error else 0)
         if self.conflict is not None:
-            worst = max(worst, 2 if self.conflict.size > WRONG else 1)
+            worst = max(worst, 2 if self.conflict.size > WRONG_RATIO else 1)
         return BEST_FIRST[worst]
 
     @property
@@ -74,7 +74,7 @@ class FitQuality:
     @property
     def quiet(self) -> bool:
         """Whether no channel leaves more than its noise: what a model errs by is slow, if anything."""
-        return all(c.ratio <= LOUD for c in self.channels) and self.conflict is None
+        return all(c.ratio <= LOUD_RATIO for c in self.channels) and self.conflict is None
 
     @property
     def reason(self) -> str:
@@ -104,7 +104,7 @@ class FitQuality:
         c = bad[0]
         more = f", and {len(bad) - 1} more channels" if len(bad) > 1 else ""
         left = f"{c.component} in '{c.recording}' is left at {c.ratio:.3g} times its stated noise"
-        if c.ratio <= LOUD:
+        if c.ratio <= LOUD_RATIO:
             left = f"what is left of {c.component} in '{c.recording}' is not white"
             left += f" (correlation {c.correlation:.2f})"
         if self.judgement == "roughly":
@@ -131,8 +131,8 @@ def _channels(label: str, sums: InnovationSums) -> list[ChannelFit]:
         q = np.sum(sums.pairs[rows] * correlation**2, axis=1)
         p_white = chdtrc(sums.products.shape[1], q)
         strongest = np.abs(correlation).max(axis=1)
-        coloured = (p_white < WHITE) & (strongest > CORRELATED) & (ratio > 1.0)
-        level = np.where(ratio > WRONG, 2, np.where((ratio > LOUD) | coloured, 1, 0))
+        coloured = (p_white < WHITENESS_LEVEL) & (strongest > CORRELATED_FROM) & (ratio > 1.0)
+        level = np.where(ratio > WRONG_RATIO, 2, np.where((ratio > LOUD_RATIO) | coloured, 1, 0))
         k = int(np.lexsort((ratio, level))[-1])
         judgement = BEST_FIRST[int(level[k])]
         out.append(

@@ -15,11 +15,17 @@ from smsid.estimation.followed_torques import followed_torques
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.input_hold import input_channels, is_mixed_hold, stepwise
 from smsid.estimation.input_timing import timings
-from smsid.estimation.measurements import OUTLIER, WIDTH, ChannelSlice, Measurements, measurements_of
+from smsid.estimation.measurements import (
+    COMPONENTS,
+    OUTLIER_SIGMAS,
+    ChannelSlice,
+    Measurements,
+    measurements_of,
+)
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, UnknownInput
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
-from smsid.estimation.torque_walk import UNKNOWN
+from smsid.estimation.torque_walk import UNKNOWN_FACTOR
 from smsid.identify.sensor_correction import without_known_errors
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
@@ -27,11 +33,11 @@ from smsid.recording import Recording
 from smsid.recording.checks.sample_faults import outliers
 
 LOGGER = logging.getLogger(__name__)
-LONGEST = 0.1  # [s] between times of the filter: what it linearises over
-PHASE = 0.3  # [rad] of the fastest mode, the same
+LONGEST_STEP = 0.1  # [s] between times of the filter: what it linearises over
+LARGEST_PHASE = 0.3  # [rad] of the fastest mode, the same
 STILL_SIGMAS = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
-SHORTEST = 20  # samples a flight needs
-WIDEST = 20  # readings of a component from twice which on its outliers can be told
+FEWEST_SAMPLES = 20  # samples a flight needs
+FEWEST_FOR_OUTLIERS = 20  # readings of a component from twice which on its outliers can be told
 
 Drive = Literal["command", "measured", "locked"]
 
@@ -79,9 +85,9 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     doubts = [f"doubtful: {said}" for said in known.check_consistency()]
     recording = order_columns(recording, model)
     data = measurements_of(model, recording, sensors, longest_step(model))
-    if len(data.times) < SHORTEST:
+    if len(data.times) < FEWEST_SAMPLES:
         raise RecordingError(
-            f"'{recording.name}' has {len(data.times)} samples; an estimate needs {SHORTEST}.",
+            f"'{recording.name}' has {len(data.times)} samples; an estimate needs {FEWEST_SAMPLES}.",
             advice="Record longer.",
             samples=len(data.times),
         )
@@ -120,7 +126,7 @@ def _without_noise(data: Measurements) -> list[str]:
             read = data.attitude[block.channel]
         read = read[np.isfinite(read).all(axis=1)]
         # encoders and tachometers may count: what stands still then reads the same
-        if block.quantity in WIDTH and len(read) and step == 0.0 and not np.ptp(read, axis=0).any():
+        if block.quantity in COMPONENTS and len(read) and step == 0.0 and not np.ptp(read, axis=0).any():
             said.append(
                 f"doubtful: '{block.channel}' repeats one value, though noise of "
                 f"{data.sigma[block.rows].max():.3g} is stated; leave the channel out"
@@ -136,8 +142,8 @@ def _without_outliers(data: Measurements) -> tuple[Measurements, list[str]]:
             continue
         for row in range(block.rows.start, block.rows.stop):
             there = np.flatnonzero(np.isfinite(data.values[:, row]))
-            if len(there) > 2 * WIDEST:
-                bad[there, row] = outliers(data.values[there, row], OUTLIER * data.sigma[row])
+            if len(there) > 2 * FEWEST_FOR_OUTLIERS:
+                bad[there, row] = outliers(data.values[there, row], OUTLIER_SIGMAS * data.sigma[row])
     if not bad.any():
         return data, []
     notes = [
@@ -157,11 +163,11 @@ def likely_timing(recording: Recording) -> CommandTiming:
 def longest_step(model: SpacecraftModel) -> float:
     """Return the longest time [s] between two times of the filter that its linearisation allows."""
     if not len(model.spring_v):
-        return LONGEST
+        return LONGEST_STEP
     mass = pin.crba(model.pin, model.pin.createData(), model.home)
     own = np.maximum(mass.diagonal()[model.spring_v], 1e-12)
     fastest = float(np.sqrt(np.max(model.stiffness / own, initial=0.0)))
-    return min(LONGEST, PHASE / max(1.2 * fastest, 1e-9))
+    return min(LONGEST_STEP, LARGEST_PHASE / max(1.2 * fastest, 1e-9))
 
 
 def longest_substep(data: Measurements) -> float:
@@ -257,7 +263,7 @@ def _disturbances(
             _moving_joints(data, rates, 3).any()
         )
         if thrust > 0.0 and not turned:
-            size = UNKNOWN * thrust * (float(np.linalg.norm(model.thrust_point)) + 1.0)
+            size = UNKNOWN_FACTOR * thrust * (float(np.linalg.norm(model.thrust_point)) + 1.0)
             walk = 0.5 * size / float(np.sqrt(np.median(np.diff(data.times))))
             found += [UnknownInput(3 + i, size, walk) for i in range(3)]
             notes.append("the attitude stands still under thrust: the torques that hold it are estimated")

@@ -19,7 +19,7 @@ from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
 from smsid.estimation.inertial_combinations import reported_parameters
-from smsid.estimation.loosening import FIRST, STEP, likeliest_share, loosen_model, thin_flight
+from smsid.estimation.loosening import FIRST_SHARE, SHARE_RATIO, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -29,10 +29,10 @@ from smsid.estimation.unrecorded_torques import are_told_by_torques, with_mean_t
 from smsid.likelihood.search import GROSS
 
 LOGGER = logging.getLogger(__name__)
-NEAR = 4.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
-LITTLE = 1e-3  # share by which a model errs from where on a strict search is near enough
-ASTRAY = 0.03  # share of what drives the motion, by which a model errs at best that does not follow
-WIDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
+NEAR_GAIN = 4.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
+LITTLE_ERROR = 1e-3  # share by which a model errs from where on a strict search is near enough
+ASTRAY_ERROR = 0.03  # share of what drives the motion, by which a model errs at best that does not follow
+WIDE_ATTITUDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 
 Tell = Callable[[str], None]
 Found = tuple[NormalEquations, list[Flight], list[NormalEquations]]
@@ -48,7 +48,7 @@ def search_flights(
     """
     point, near, share = _approach(described, unknowns, flights, tell)
     several = len({f.label for f in flights}) > 1
-    if several and share > ASTRAY:
+    if several and share > ASTRAY_ERROR:
         several = False
         _refuse_contradicting(described, unknowns, flights, tell)
     try:
@@ -70,20 +70,20 @@ def _approach(
     """
     point, coarse = described, [thin_flight(f) for f in flights]
     fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
-    share, last, astray = likeliest_share(point, coarse, FIRST), np.inf, 0.0
+    share, last, astray = likeliest_share(point, coarse, FIRST_SHARE), np.inf, 0.0
     while share < last and (share or fewer):
         if tell is not None:
             tell(f"search with a model that may err by {100 * share:.2g} % of what drives the motion")
         loose = [replace(f, problem=loosen_model(f.model, f.problem, share)) for f in coarse]
-        point = maximise(point, unknowns, loose, enough=NEAR, tell=tell)[0].point
+        point = maximise(point, unknowns, loose, enough=NEAR_GAIN, tell=tell)[0].point
         if not fewer:
             coarse = [
                 with_timing(f, as_commands_act(point, unknowns, x, False).problem.timing)
                 for f, x in zip(coarse, loose, strict=True)
             ]
         last, share = share, likeliest_share(point, coarse, share) if share else 0.0
-        if share == last and share > LITTLE:  # all the way to a strict one would be a longer way still
-            share, astray = STEP * share, max(astray, share)
+        if share == last and share > LITTLE_ERROR:  # all the way to a strict one would be a longer way still
+            share, astray = SHARE_RATIO * share, max(astray, share)
     share = max(share, astray)
     flights = [as_commands_act(point, unknowns, f, False) for f in flights] if fewer else coarse
     return point, list(flights), share
@@ -147,7 +147,7 @@ def _refuse_contradicting(
         own = [f for f in flights if f.label == label]
         try:
             point, near, _ = _approach(described, unknowns, own, tell)
-            found = maximise(point, unknowns, near, enough=NEAR, tell=tell)[0]
+            found = maximise(point, unknowns, near, enough=NEAR_GAIN, tell=tell)[0]
         except SmsidError as error:
             LOGGER.info("'%s' by itself: %s", label, error)
             return
@@ -172,7 +172,7 @@ def _refuse_contradicting(
 
 def restless(flights: Sequence[Flight], quality: FitQuality) -> NotIdentifiableError:
     """Return the error of a search that does not come to rest, with what may be the reason."""
-    wide = {f.label: x for f in flights if (x := _widest_turn(f)) > WIDE}
+    wide = {f.label: x for f in flights if (x := _widest_turn(f)) > WIDE_ATTITUDE}
     if wide:
         label, turn = next(iter(wide.items()))
         return NotIdentifiableError(

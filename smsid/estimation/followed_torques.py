@@ -10,7 +10,7 @@ import pinocchio as pin
 from smsid.estimation.input_hold import input_channels
 from smsid.estimation.measurements import Measurements
 from smsid.estimation.problem import UnknownInput
-from smsid.estimation.torque_walk import UNKNOWN, acceleration_walks
+from smsid.estimation.torque_walk import UNKNOWN_FACTOR, acceleration_walks
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
@@ -44,7 +44,7 @@ def followed_torques(
             commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
             size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
             interval = float(np.median(np.diff(times[np.isfinite(readings).all(axis=1)])))
-            walk = UNKNOWN * mass[group.v] * jerk * np.sqrt(interval)
+            walk = UNKNOWN_FACTOR * mass[group.v] * jerk * np.sqrt(interval)
         else:
             told = acceleration_walks(
                 times, readings, data.sigma[block.rows], integrations, (acceleration, jerk)
@@ -52,7 +52,7 @@ def followed_torques(
             walk = LIVELY * mass[group.v] * [t.walk for t in told]
             slope = mass[group.v] * [t.slope for t in told]
         for i in free:
-            own = int(group.v[i]), UNKNOWN * float(size[i]), float(walk[i])
+            own = int(group.v[i]), UNKNOWN_FACTOR * float(size[i]), float(walk[i])
             row = block.rows.start + i
             found.append(UnknownInput(*own, motor=torque in inputs, row=row, slope=float(slope[i])))
     return found

@@ -12,8 +12,8 @@ from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensor_uncertainty import reading_uncertainty
 
-FEWEST = 3.0  # intervals between samples that are no gap
-SHORTEST = 5  # samples of a piece that is used
+GAP_INTERVALS = 3.0  # intervals between samples that are no gap
+FEWEST_SAMPLES = 5  # samples of a piece that is used
 
 
 def bridge_length(problem: Problem) -> float:
@@ -27,13 +27,13 @@ def bridge_length(problem: Problem) -> float:
     interval = min((float(np.median(np.diff(t))) for t in read if len(t) > 1), default=np.inf)
     moving = [u for u in problem.unknown_inputs if u.walk > 0.0]
     lasting = [u.sigma / (u.slope or u.walk / np.sqrt(interval)) for u in moving]
-    return max(FEWEST * interval, min(lasting, default=np.inf))
+    return max(GAP_INTERVALS * interval, min(lasting, default=np.inf))
 
 
 def pieces_of(point: Point, flight: Flight) -> list[Flight]:
     """Return a flight as the pieces between its gaps, which share its label and so its sensors' biases.
 
-    Pieces of fewer than `SHORTEST` samples are left out, which the first piece's notes say.
+    Pieces of fewer than `FEWEST_SAMPLES` samples are left out, which the first piece's notes say.
     """
     problem = flight.problem
     data = problem.data
@@ -45,7 +45,7 @@ def pieces_of(point: Point, flight: Flight) -> list[Flight]:
     counts = np.diff(np.concatenate([[0], long + 1, [len(read)]]))
     out = []
     for first, last, count in zip(begins, ends, counts, strict=True):
-        if count < SHORTEST:
+        if count < FEWEST_SAMPLES:
             continue
         here = slice(int(first), int(last) + 1)
         attitude = {name: q[here] for name, q in data.attitude.items()}
@@ -61,6 +61,6 @@ def pieces_of(point: Point, flight: Flight) -> list[Flight]:
     if not out:
         return [flight]
     said = f"in pieces between {len(long)} gaps, over which what moves joints and wheels is not known"
-    short = int(np.sum(counts[counts < SHORTEST]))
+    short = int(np.sum(counts[counts < FEWEST_SAMPLES]))
     said += f"; {short} samples between gaps are too few for a piece and left out" if short else ""
     return [replace(out[0], notes=(*flight.notes, said)), *out[1:]]

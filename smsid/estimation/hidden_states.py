@@ -18,7 +18,7 @@ from smsid.estimation.smoother import SmoothedStates, smoothed_states
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
-STEP = 0.1  # standard deviations of the parameters by which they are moved
+DIFFERENCE_STEP = 0.1  # standard deviations of the parameters by which they are moved
 SOURCE = "smoothed"
 
 
@@ -107,7 +107,7 @@ def _neighbours(equations: NormalEquations) -> Iterator[tuple[Point, float]]:
     """Yield points a little off along independent directions of the parameters' uncertainty, and how far."""
     root = np.linalg.cholesky(np.linalg.inv(equations.gram)).T
     for direction in root:
-        for size in (STEP, -STEP):
+        for size in (DIFFERENCE_STEP, -DIFFERENCE_STEP):
             try:
                 moved = equations.point.moved(equations.unknowns, size * direction * equations.scales)
                 moved.model()

@@ -11,8 +11,8 @@ from smsid.estimation.measurements import Measurements, matrix
 from smsid.estimation.problem import Belief
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 
-READ = 5.0  # standard deviations of a sensor's noise by which its first reading may be off
-FIRST = 2.0  # [s] how late a channel's first sample may come and still say where the motion began
+READ_SIGMAS = 5.0  # standard deviations of a sensor's noise by which its first reading may be off
+LATEST_FIRST = 2.0  # [s] how late a channel's first sample may come and still say where the motion began
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def initial_belief(
 ) -> Belief:
     """Return mean and covariance of the state at the first sample.
 
-    What is measured is read from the first samples, `READ` standard deviations wide; a rate that is not
+    What is measured is read from the first samples, `READ_SIGMAS` times their noise wide; a rate not
     measured from the change of what is; the rest has the prior's mean zero (home, at rest) and width.
     ``locked`` are degrees of freedom (k,) held still. ``unsure`` (rows,) are standard deviations of readings
     beside their noise: of sensors whose errors are unknown.
@@ -69,7 +69,7 @@ def initial_belief(
         if k is None:
             continue
         first = np.linalg.solve(block.gain, data.values[k, block.rows] - block.bias)
-        noise = READ * data.sigma[block.rows]
+        noise = READ_SIGMAS * data.sigma[block.rows]
         if unsure is not None:  # a reading tells no less than the prior, however wide its sensor's errors
             noise = np.hypot(noise, np.minimum(unsure[block.rows], _width(prior, block.quantity)))
         if block.quantity == "joint_position":
@@ -151,7 +151,7 @@ def _width(prior: InitialPrior, quantity: str) -> float:
 def _first(data: Measurements, rows: slice) -> int | None:
     """Return the first sample at which a channel is there, if that is soon enough."""
     there = np.flatnonzero(np.isfinite(data.values[:, rows]).all(axis=1))
-    if not len(there) or data.times[there[0]] - data.times[0] > FIRST:
+    if not len(there) or data.times[there[0]] - data.times[0] > LATEST_FIRST:
         return None
     return int(there[0])
 

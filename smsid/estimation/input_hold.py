@@ -15,11 +15,11 @@ from smsid.recording import Recording
 from smsid.simulate import Inputs
 
 Hold = Literal["held", "linear", "smooth", "jumps"]
-JUMP = 5.0  # times its neighbours' changes together that a change is a jump between samples
-RAMP = 1e-9  # share of a sample interval that a jump takes: less than `limits` looks aside
-FEW = 10  # least number of neighbouring changes that tell a wave
+JUMP_RATIO = 5.0  # times its neighbours' changes together that a change is a jump between samples
+RAMP_SHARE = 1e-9  # share of a sample interval that a jump takes: less than `limits` looks aside
+WAVE_CHANGES = 10  # least number of neighbouring changes that tell a wave
 VARYING: tuple[Hold, ...] = ("linear", "smooth")  # without jumps, so without a side of one
-CURVED = 1e-3  # of a command's size: by how much a cubic leaves the straight line before it matters
+CURVED_SHARE = 1e-3  # of a command's size: by how much a cubic leaves the straight line before it matters
 
 DEGREE: dict[Hold, int] = {"held": 0, "linear": 1, "jumps": 1, "smooth": 3}
 COMMANDS = {
@@ -98,7 +98,7 @@ def stepwise(recording: Mapping[str, np.ndarray] | Recording) -> bool:
 
 def bends_between_samples(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     """Whether smooth commands (N, k) bend between samples by as much as matters: none jumps, and halfway
-    between samples a cubic through them leaves the straight line by more than `CURVED` of their size.
+    between samples a cubic through them leaves the straight line by more than `CURVED_SHARE` of their size.
     """
     steps, smooth = _looks(recording)
     if steps or not smooth:
@@ -112,7 +112,7 @@ def bends_between_samples(recording: Mapping[str, np.ndarray] | Recording) -> bo
                 # of four equidistant samples the cubic's middle is (-1, 9, 9, -1) / 16
                 off = np.abs(values[1:-2] + values[2:-1] - values[:-3] - values[3:]).max(initial=0.0) / 16.0
                 bend = max(bend, float(off) / max(float(np.abs(values).max(initial=0.0)), 1e-300))
-    return bend > CURVED
+    return bend > CURVED_SHARE
 
 
 def _looks(recording: Mapping[str, np.ndarray] | Recording) -> tuple[bool, bool]:
@@ -142,11 +142,11 @@ def jump_intervals(values: np.ndarray) -> np.ndarray:
     if len(change) > 2:
         size[1], size[-2] = size[4], size[-5]
     here, least = size[2:-2], 1e-9 * np.abs(values).max(initial=0.0)
-    alone = here > JUMP * (size[1:-3] + size[3:-1]) + least
+    alone = here > JUMP_RATIO * (size[1:-3] + size[3:-1]) + least
     up = np.zeros_like(alone)
     back = -change[1:] / np.where(change[:-1] == 0.0, np.inf, change[:-1])
-    flat = here[:-1] > JUMP * (size[1:-4] + size[4:-1]) + least
-    up[:-1] = flat & (np.abs(back - 1.0) < 1.0 / JUMP)
+    flat = here[:-1] > JUMP_RATIO * (size[1:-4] + size[4:-1]) + least
+    up[:-1] = flat & (np.abs(back - 1.0) < 1.0 / JUMP_RATIO)
     return alone | up | np.vstack([np.zeros_like(up[:1]), up[:-1]])
 
 
@@ -156,7 +156,9 @@ def _smooth(values: np.ndarray, jumps: np.ndarray) -> bool:
     first, second = change[:-1], change[1:]
     both = ~jumps[:-1] & ~jumps[1:] & (first != 0.0) & (second != 0.0)
     kinks = float(np.abs(second - first)[both].sum())
-    return int(both.sum()) >= FEW and kinks < 0.5 * float((np.abs(first) + np.abs(second))[both].sum())
+    return int(both.sum()) >= WAVE_CHANGES and kinks < 0.5 * float(
+        (np.abs(first) + np.abs(second))[both].sum()
+    )
 
 
 def _with_ramps(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,7 +168,7 @@ def _with_ramps(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.n
     """
     jumps = jump_intervals(values)
     at = np.flatnonzero(jumps.any(axis=1))
-    ramp = max(RAMP * float(np.diff(times).min()), 4.0 * float(np.spacing(np.abs(times).max())))
+    ramp = max(RAMP_SHARE * float(np.diff(times).min()), 4.0 * float(np.spacing(np.abs(times).max())))
     before = np.where(jumps[at], values[at], values[at + 1])
     later, after = np.append(times, 2.0 * times[-1] - times[-2]), np.vstack([values, values[-1:]])
     return np.insert(later, at + 1, times[at + 1] - ramp), np.insert(after, at + 1, before, axis=0)

@@ -19,11 +19,11 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
-MISFIT = 10.0  # times its noise that the model leaves, over all channels, before it does not follow
-CLEARLY = 5.0  # in log-likelihood
-BEHIND = 50.0  # in log-likelihood over the first samples, by which a way is out: 10 times `CLEARLY`
-FIRST = 4  # as many parts as the samples have, of which the first is filtered at first in a second look
-FOLLOWED = 1.5  # times its noise, below which that part tells: what is not followed prefers anything
+MISFIT_RATIO = 10.0  # times its noise that the model leaves, over all channels, before it does not follow
+CLEAR_GAIN = 5.0  # of the log-likelihood, with which commands are taken to act otherwise
+HOPELESS_LOSS = 50.0  # in log-likelihood over the first samples, by which a way is out: 10 times `CLEAR_GAIN`
+PARTS = 4  # as many parts as the samples have, of which the first is filtered at first in a second look
+FOLLOWED_RATIO = 1.5  # times its noise, below which that part tells: what is not followed prefers anything
 
 
 def timings(recording: Recording) -> tuple[CommandTiming, ...]:
@@ -57,18 +57,18 @@ def timing_of(point: Point, problem: Problem, now: CommandTiming | None = None) 
         return choices[0]
     model, data, left, likely = point.model(), problem.data, np.inf, dict[CommandTiming, float]()
     if now is not None:
-        some = replace(problem, data=data.first(-(-len(data.times) // FIRST)))
+        some = replace(problem, data=data.first(-(-len(data.times) // PARTS)))
         left, likely = _likelihoods(model, some, choices)
-    ahead = [t for t in likely if likely[t] > max(likely.values()) - BEHIND]
-    if left > FOLLOWED or len(ahead) > 1:
-        left, likely = _likelihoods(model, problem, ahead if left <= FOLLOWED else choices)
+    ahead = [t for t in likely if likely[t] > max(likely.values()) - HOPELESS_LOSS]
+    if left > FOLLOWED_RATIO or len(ahead) > 1:
+        left, likely = _likelihoods(model, problem, ahead if left <= FOLLOWED_RATIO else choices)
     if not likely:  # lost: the search says what is wrong; commands are taken for what they look like
         return now or next((t for t in choices if t.hold == "jumps"), choices[0])
     best = max(likely, key=lambda t: likely[t])
     both = CommandTiming("jumps", best.side)
-    if left > MISFIT and both in likely:
+    if left > MISFIT_RATIO and both in likely:
         return both
-    return now if now in likely and likely[best] - likely[now] < CLEARLY else best
+    return now if now in likely and likely[best] - likely[now] < CLEAR_GAIN else best
 
 
 def _likelihoods(
@@ -82,7 +82,9 @@ def _likelihoods(
         except SimulationError as error:
             LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
     left = min((normalised_rmse(r) for r in runs.values()), default=np.inf)
-    likely = {t: _after_the_first(r) if left <= MISFIT else _with_own_levels(r) for t, r in runs.items()}
+    likely = {
+        t: _after_the_first(r) if left <= MISFIT_RATIO else _with_own_levels(r) for t, r in runs.items()
+    }
     LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in likely.items()))
     return left, likely
 

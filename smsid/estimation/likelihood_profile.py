@@ -27,16 +27,16 @@ from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import Quadratic, bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
-POORLY = 0.1  # standard deviation over value from which a parameter is put to the test
-ASKED = 4  # of those that are no parameter of an effect, worst first
+POORLY_KNOWN = 0.1  # standard deviation over value from which a parameter is put to the test
+MOST_ASKED = 4  # of those that are no parameter of an effect, worst first
 BENT = 0.1  # relative difference of the root of the likelihood's fall from a Gaussian's that counts
-MOST = 0.5  # share of a variance that comes through a parameter
-LOOKS = 8  # values at which the likelihood is looked at, to each side
-BEYOND = 1.2  # times the root of the fall within which the last of them is
-MORE = 1.0  # of the log-posterior by which a point is more likely than the maximum
-STEPS = 6  # of the search for the others at one value
-REST = 0.2  # predicted gain of the log-posterior below which the others are at rest
-FINE = 401  # values along a profile at which an interval is sought
+MAIN_SHARE = 0.5  # share of a variance that comes through a parameter
+LOOKS_PER_SIDE = 8  # values at which the likelihood is looked at, to each side
+FURTHEST_LOOK = 1.2  # times the root of the fall within which the last of them is
+BETTER_GAIN = 1.0  # of the log-posterior by which a point is more likely than the maximum
+INNER_STEPS = 6  # of the search for the others at one value
+REST_GAIN = 0.2  # predicted gain of the log-posterior below which the others are at rest
+GRID_VALUES = 401  # values along a profile at which an interval is sought
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Profile:
             return -np.inf, np.inf
         signed = np.sign(self.changes[:, self.index]) * np.sqrt(np.maximum(self.falls, 0.0))
         along = self.changes @ row
-        fine = np.linspace(max(signed[0], -np.sqrt(fall)), min(signed[-1], np.sqrt(fall)), FINE)
+        fine = np.linspace(max(signed[0], -np.sqrt(fall)), min(signed[-1], np.sqrt(fall)), GRID_VALUES)
         centre = PchipInterpolator(signed, along)(fine)
         width = np.sqrt(2.0 * max(rest, 0.0) * np.maximum(fall - fine**2, 0.0))
         down, up = float(np.min(centre - width)), float(np.max(centre + width))
@@ -114,9 +114,9 @@ class PosteriorOfFlights:
         """
         index = [i for i, u in enumerate(self.found.unknowns) if u.name in {x.name for x in others}]
         off = self.misleading[index]
-        if 0.5 * float(off @ np.linalg.solve(self.found.gram[np.ix_(index, index)], off)) > REST:
+        if 0.5 * float(off @ np.linalg.solve(self.found.gram[np.ix_(index, index)], off)) > REST_GAIN:
             raise SmsidError("Slopes of the others mislead a search.", advice="Give priors, or fly longer.")
-        best, _ = maximise(start, others, self.flights, enough=REST, iterations=STEPS)
+        best, _ = maximise(start, others, self.flights, enough=REST_GAIN, iterations=INNER_STEPS)
         at_rest(best)
         return best.point, best.objective
 
@@ -131,7 +131,7 @@ class PosteriorOfFlights:
 
 def at_rest(found: Quadratic) -> None:
     """Raise `SmsidError` where a step is left that would gain something."""
-    if predicted_gain(found, bounded_step(found)) > 5.0 * REST:
+    if predicted_gain(found, bounded_step(found)) > 5.0 * REST_GAIN:
         raise SmsidError("The other parameters do not come to rest.", advice="Take a shorter step.")
 
 
@@ -151,7 +151,7 @@ def bent_intervals(
     covariance: np.ndarray,
     *,
     widening: float = 1.0,
-    more: float = MORE,
+    more: float = BETTER_GAIN,
 ) -> dict[int, BentInterval]:
     """Return profile intervals of rows (rows, m) of ``gradient`` whose Gaussian ones do not hold, by row.
 
@@ -171,14 +171,14 @@ def bent_intervals(
     for k, (row, v) in enumerate(zip(gradient, variance, strict=True)):
         shares = [float(row @ covariance[:, p.index]) ** 2 / covariance[p.index, p.index] for p in profiles]
         most = int(np.argmax(shares))
-        if v > 0.0 and shares[most] > MOST * v:
+        if v > 0.0 and shares[most] > MAIN_SHARE * v:
             best = profiles[most]
             out[k] = BentInterval(best.name, best.interval(row, v - shares[most], fall))
     return out
 
 
 def poorly_known(
-    found: Quadratic, covariance: np.ndarray, among: Sequence[int] | None = None, poorly: float = POORLY
+    found: Quadratic, covariance: np.ndarray, among: Sequence[int] | None = None, poorly: float = POORLY_KNOWN
 ) -> list[int]:
     """Return the parameters of effects, zero at least, that are known ``poorly`` or worse; worst first.
 
@@ -194,7 +194,7 @@ def poorly_known(
 
 
 def loosely_told(covariance: np.ndarray, gradient: np.ndarray, relative: np.ndarray) -> list[int]:
-    """Return the parameters through which quantities vary that are known to `POORLY` or worse, worst first.
+    """Return the parameters through which quantities vary known to `POORLY_KNOWN` or worse, worst first.
 
     ``covariance`` (m, m) is that of the unknowns in scales, ``gradient`` (k, m) the quantities' derivatives
     by these, ``relative`` (k,) their standard deviations over their sizes.
@@ -206,9 +206,13 @@ def loosely_told(covariance: np.ndarray, gradient: np.ndarray, relative: np.ndar
     out: list[int] = []
     for k in np.argsort(-relative):
         # what goes with one that is asked about already is told by that
-        if relative[k] > POORLY and shares[k].max() > MOST and not (shares[k, out] > MOST).any():
+        if (
+            relative[k] > POORLY_KNOWN
+            and shares[k].max() > MAIN_SHARE
+            and not (shares[k, out] > MAIN_SHARE).any()
+        ):
             out.append(int(np.argmax(shares[k])))
-    return out[:ASKED]
+    return out[:MOST_ASKED]
 
 
 @dataclass(frozen=True)
@@ -228,7 +232,7 @@ class _Follower:
             out.append(self.profile(i))
             size = np.sqrt(np.diag(self.covariance))
             # what goes with it is followed with it
-            left = [j for j in left if (self.covariance[i, j] / (size[i] * size[j])) ** 2 < MOST]
+            left = [j for j in left if (self.covariance[i, j] / (size[i] * size[j])) ** 2 < MAIN_SHARE]
         return out
 
     def is_bent(self, i: int) -> bool:
@@ -276,7 +280,7 @@ class _Follower:
         known = [(value, 0.0)]
         out: list[tuple[np.ndarray, float]] = []
         wanted = value + side * np.sqrt(2.0) * root * sigma
-        for _ in range(LOOKS):
+        for _ in range(LOOKS_PER_SIDE):
             try:
                 at, fell = self.at_best(i, here, wanted)
             except (SmsidError, np.linalg.LinAlgError) as error:
@@ -288,10 +292,10 @@ class _Follower:
                 raise BetterMaximum(at)
             known.append((value, float(np.sqrt(max(fell, 0.0)))))
             out.append((_change(found, at), fell))
-            if root <= known[-1][1] < BEYOND * root or value == known[-2][0]:
+            if root <= known[-1][1] < FURTHEST_LOOK * root or value == known[-2][0]:
                 break  # far enough, or at its bound
-            aim = 0.5 * (1.0 + BEYOND) * root
-            beyond = [p for p in known if p[1] >= BEYOND * root]
+            aim = 0.5 * (1.0 + FURTHEST_LOOK) * root
+            beyond = [p for p in known if p[1] >= FURTHEST_LOOK * root]
             if beyond:  # what is sought is between
                 (x0, y0), (x1, y1) = max((p for p in known if p[1] < root), key=lambda p: p[1]), min(beyond)
                 if side < 0.0:

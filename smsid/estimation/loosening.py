@@ -20,12 +20,12 @@ from smsid.model.spacecraft import SpacecraftModel
 LOGGER = logging.getLogger(__name__)
 # share of what drives the motion that a model may err by at most, and by how much others differ; with more,
 # slopes along states lead astray: they do not know that a likelihood falls with the mass, as noise is a force
-FIRST, STEP, FURTHEST = 0.3, 0.1, 5
-NEARLY = 0.1  # of log-likelihood a reading, that a model which does not err may lack for a search to begin
+FIRST_SHARE, SHARE_RATIO, FURTHEST = 0.3, 0.1, 5
+NEARLY_AS_LIKELY = 0.1  # of log-likelihood a reading, that a model without errors may lack at the start
 SMALL, COARSE = (-5.0, -4.0, -3.0, -2.0), {"xatol": 0.2}  # powers of ten: shares that a fit may err by
-CLEARLY = 5.0  # gain of the log-likelihood with which a model errs
+CLEAR_GAIN = 5.0  # gain of the log-likelihood with which a model errs
 
-MANY = 1000
+MOST_SAMPLES = 1000
 """Samples of a flight that first searches need: of more, those that the filter's linearisation does not."""
 
 
@@ -36,7 +36,7 @@ def thin_flight(flight: Flight) -> Flight:
     """
     data = flight.problem.data
     fewer, share = data.thinned(1.0 / longest_step(flight.model)), np.isfinite(data.values).mean(axis=0)
-    if len(fewer.times) < MANY or np.any((share > 0.0) & (share < 0.9)):
+    if len(fewer.times) < MOST_SAMPLES or np.any((share > 0.0) & (share < 0.9)):
         return flight
     return replace(flight, problem=replace(flight.problem, data=fewer, substep=longest_substep(fewer)))
 
@@ -48,16 +48,16 @@ def likeliest_share(point: Point, flights: Sequence[Flight], most: float) -> flo
 
     @cache
     def likely(power: int) -> float:
-        return _likelihood(point, flights, most * STEP**power)
+        return _likelihood(point, flights, most * SHARE_RATIO**power)
 
     power = 0
     while power < FURTHEST and likely(power + 1) > likely(power):
         power += 1
-    share = most * STEP**power
+    share = most * SHARE_RATIO**power
     strict = _likelihood(point, flights, 0.0)
     LOGGER.info("errs by %.2g: %.1f, strict %.1f", share, likely(power), strict)
     readings = sum(int(np.isfinite(f.problem.data.values).sum()) for f in flights)
-    return share if likely(power) > strict + NEARLY * readings else 0.0
+    return share if likely(power) > strict + NEARLY_AS_LIKELY * readings else 0.0
 
 
 def with_likeliest_error(point: Point, flights: Sequence[Flight]) -> tuple[list[Flight], float]:
@@ -77,7 +77,7 @@ def with_likeliest_error(point: Point, flights: Sequence[Flight]) -> tuple[list[
         best = max(best, float(near.x), key=gained)
     share, more = 10.0**best, gained(best)
     LOGGER.info("errs by %.2g: log-likelihood %+.1f", share, more)
-    if more < CLEARLY:
+    if more < CLEAR_GAIN:
         return list(flights), 0.0
     return [replace(f, problem=loosen_model(f.model, f.problem, share)) for f in flights], share
 

@@ -26,16 +26,16 @@ from smsid.estimation.shape_errors import shape_errors
 from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
-ENOUGH = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
-TRIES = 6  # steps that are tried from one point, each shorter than the last
-STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
-AMPLE = 1.1  # share of the predicted gain within which a fit may still reach what it has to
-FAR = 10.0  # the same of its first step, which may be of a motion that is none yet
+ENOUGH_GAIN = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
+MOST_TRIES = 6  # steps that are tried from one point, each shorter than the last
+STALLED_SHARE = 0.02  # share of the predicted gain below which two steps in a row were the last
+REACH = 1.1  # share of the predicted gain within which a fit may still reach what it has to
+FIRST_REACH = 10.0  # the same of its first step, which may be of a motion that is none yet
 PATIENCE = 4  # steps after which it has to be there
-AGAIN = 1e-4  # share of a column's squares, below which what is left of it is told by itself, or twice
+TOLD_TWICE = 1e-4  # share of a column's squares, below which what is left of it is told by itself, or twice
 COSINES = 4  # slowest ones that the variance of a sum of coloured errors is read from
-HEAVY = float(student.ppf(0.975, COSINES)) / NORMAL95  # what so few make of a normal's 95 %
-TOGETHER = 64  # columns that are projected at once: as fast as all of them, and they fit in memory
+STUDENT_FACTOR = float(student.ppf(0.975, COSINES)) / NORMAL95  # what so few make of a normal's 95 %
+COLUMNS_AT_ONCE = 64  # columns that are projected at once: as fast as all of them, and they fit in memory
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class MapFit:
         before = np.einsum("ij,ij->j", left, left)
         q, _ = self.factors
         left = dgemm(-1.0, q, own, 1.0, left, overwrite_c=True)  # left -= q @ own
-        rest = np.einsum("ij,ij->j", left, left) < AGAIN * before  # of little, rounding is a larger share
+        rest = np.einsum("ij,ij->j", left, left) < TOLD_TWICE * before  # of little, rounding is more
         if rest.any():
             left[:, rest] -= q @ (q.T @ left[:, rest])
         return left
@@ -158,7 +158,7 @@ class MapFit:
         within, first = q.T @ self.residual, 0
         while first < len(groups):
             widths = np.cumsum([g.shape[1] for g in groups[first:]])
-            some = groups[first:][: max(1, int(np.searchsorted(widths, TOGETHER)))]
+            some = groups[first:][: max(1, int(np.searchsorted(widths, COLUMNS_AT_ONCE)))]
             rows, ends = len(some[0]), np.cumsum([g.shape[1] for g in some])
             together = np.empty((rows, ends[-1]), order="F")
             np.concatenate(some, axis=1, out=together)
@@ -169,7 +169,7 @@ class MapFit:
                 raw = gram.diagonal()
                 gram, slope = gram - mine.T @ mine, slope - mine.T @ within
                 size = np.sqrt(np.where(raw > 0.0, raw, 1.0))
-                if np.linalg.eigvalsh(gram / np.outer(size, size)).min(initial=1.0) < AGAIN:
+                if np.linalg.eigvalsh(gram / np.outer(size, size)).min(initial=1.0) < TOLD_TWICE:
                     left = self._less(columns, mine)
                     gram, slope = left.T @ left, left.T @ self.residual
                 yield ProjectedColumns(self, columns, raw, gram, slope, taken)
@@ -191,7 +191,7 @@ class MapFit:
             bent = sigma * found @ (slopes / self.scales[:, None])
             found = found + bent @ bent.T
         if self.problem.coloured and not white:
-            spread = HEAVY * np.linalg.norm(self.slow_errors(held), axis=1)
+            spread = STUDENT_FACTOR * np.linalg.norm(self.slow_errors(held), axis=1)
             sigma = np.sqrt(np.diag(found))
             more = np.maximum(np.divide(spread, sigma, out=np.ones_like(spread), where=sigma > 0.0), 1.0)
             found = found * np.outer(more, more)
@@ -240,7 +240,7 @@ def fit(
     problem: Problem,
     *,
     iterations: int = 6,
-    enough: float = ENOUGH,
+    enough: float = ENOUGH_GAIN,
     at_most: float = np.inf,
 ) -> MapFit:
     """Return the point that maximises likelihood times prior, from a start.
@@ -254,7 +254,7 @@ def fit(
 
 
 def continue_fit(
-    found: MapFit, *, iterations: int = 6, enough: float = ENOUGH, at_most: float = np.inf
+    found: MapFit, *, iterations: int = 6, enough: float = ENOUGH_GAIN, at_most: float = np.inf
 ) -> MapFit:
     """Return a fit some iterations on.
 
@@ -266,7 +266,7 @@ def continue_fit(
     for i in range(iterations):
         step = bounded_step(found)
         gain = predicted_gain(found, step)
-        hoped = (AMPLE if i else FAR) if i < PATIENCE else 0.0
+        hoped = (REACH if i else FIRST_REACH) if i < PATIENCE else 0.0
         if found.objective - hoped * gain > at_most:
             LOGGER.info("given up at %.2f: %.2f is out of reach", found.objective, at_most)
             break
@@ -277,7 +277,7 @@ def continue_fit(
         if better is None:
             break
         LOGGER.info("objective %.2f -> %.2f (predicted gain %.2f)", found.objective, better.objective, gain)
-        stalled = stalled + 1 if found.objective - better.objective < STALLED * gain else 0
+        stalled = stalled + 1 if found.objective - better.objective < STALLED_SHARE * gain else 0
         found = better
         if stalled == 2:
             break
@@ -304,7 +304,7 @@ def _descend(found: MapFit, radius: float) -> tuple[MapFit | None, float]:
         least = objective(point, found.unknowns, found.problem, run)
         return least, lambda: _normal(point, found.unknowns, found.problem, run, model)
 
-    return descend(found, radius, TRIES, look)
+    return descend(found, radius, MOST_TRIES, look)
 
 
 def evaluate(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> MapFit:

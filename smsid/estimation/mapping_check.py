@@ -28,12 +28,12 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
-ERRING = (0.3, 0.03)  # shares of what drives the motion by which a description may err
+ERROR_SHARES = (0.3, 0.03)  # shares of what drives the motion by which a description may err
 CHECK_RATE = 10.0  # [1/s] of the samples that are looked at
-CLEAR = 0.5  # of the errors as recorded, below which what is left tells that a column is wrong
-FITTED = 0.5  # the same of their squares where parameters are fitted
-FOLLOWED = 3.0  # times what a model that may err expects, beyond which it follows no motion, mended or not
-LIKELY = 3  # hypotheses, the likeliest, whose parameters are fitted where none is clear without
+CLEAR_SHARE = 0.5  # of the errors as recorded, below which what is left tells that a column is wrong
+FITTED_SHARE = 0.5  # the same of their squares where parameters are fitted
+FOLLOWED_RATIO = 3.0  # times what a model that may err expects, beyond which it follows no motion
+MOST_FITTED = 3  # hypotheses, the likeliest, whose parameters are fitted where none is clear without
 OF_JOINTS = ("joint_position", "joint_velocity", "joint_acceleration", "joint_torque")
 OF_WHEELS = ("wheel_rate", "wheel_torque")
 
@@ -50,7 +50,7 @@ def wrong_columns(description: Description, recordings: Sequence[Recording]) -> 
 def follows(description: Description, recording: Recording) -> bool:
     """Return whether a model that may err a little follows a recording as it is."""
     point = Point.of(description)
-    return _errors(point, order_columns(recording, point.base), ERRING[-1]) < FOLLOWED
+    return _errors(point, order_columns(recording, point.base), ERROR_SHARES[-1]) < FOLLOWED_RATIO
 
 
 def _wrong_column(point: Point, recording: Recording) -> str:
@@ -58,16 +58,16 @@ def _wrong_column(point: Point, recording: Recording) -> str:
         (0.0, words, _with_correction(recording, channels, mend))
         for words, channels, mend in _hypotheses(point.base, recording)
     ]
-    for share in ERRING:
+    for share in ERROR_SHARES:
         as_recorded = _errors(point, recording, share)
         likely = [(_errors(point, r, share), words, r) for _, words, r in likely]
         likely = sorted((x for x in likely if x[0] < as_recorded), key=lambda x: x[0])
-        if likely and likely[0][0] < min(CLEAR * as_recorded, FOLLOWED):
+        if likely and likely[0][0] < min(CLEAR_SHARE * as_recorded, FOLLOWED_RATIO):
             return _sentence(recording, likely[0][1], likely[0][0] / as_recorded)
-    likely = [(_fitted_errors(point, r), words, r) for _, words, r in likely[:LIKELY]]
+    likely = [(_fitted_errors(point, r), words, r) for _, words, r in likely[:MOST_FITTED]]
     left, words, _ = min(likely, default=(np.inf, "", recording), key=lambda x: x[0])
     share = left / _fitted_errors(point, recording) if np.isfinite(left) else np.inf
-    return _sentence(recording, words, share) if share**2 < FITTED and left < FOLLOWED else ""
+    return _sentence(recording, words, share) if share**2 < FITTED_SHARE and left < FOLLOWED_RATIO else ""
 
 
 def _sentence(recording: Recording, words: str, share: float) -> str:
@@ -87,7 +87,7 @@ def _errors(point: Point, recording: Recording, share: float) -> float:
 def _fitted_errors(point: Point, recording: Recording) -> float:
     """Return the same with parameters fitted, of a model that may hardly err."""
     try:
-        flight = _looked_at(point, recording, ERRING[-1])
+        flight = _looked_at(point, recording, ERROR_SHARES[-1])
         unknowns = unknowns_of(point, components=True).unknowns
         sums = maximise(point, unknowns, [flight], enough=1.0)[0].terms[0].innovations
         return float(np.sqrt(sums.squares.sum() / sums.count.sum()))

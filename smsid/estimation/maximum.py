@@ -15,13 +15,13 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
-ENOUGH = 0.05  # predicted gain of the log-posterior below which a search has ended
-TRIES = 8  # steps that are tried from one point, each shorter than the last
-ITERATIONS = 40
-ROUNDS = 15  # steps by differences of whole runs, each as long as a run of the filter a parameter
-LITTLE = 0.2  # predicted gain of a last step by differences that asks for none anew
-AS_PROMISED = 0.25  # share by which what it gains may differ from that
-STALLED = 0.02  # share of the predicted gain below which two steps in a row were the last
+ENOUGH_GAIN = 0.05  # predicted gain of the log-posterior below which a search has ended
+MOST_TRIES = 8  # steps that are tried from one point, each shorter than the last
+MOST_ITERATIONS = 40
+MOST_ROUNDS = 15  # steps by differences of whole runs, each as long as a run of the filter a parameter
+LITTLE_GAIN = 0.2  # predicted gain of a last step by differences that asks for none anew
+GAIN_TOLERANCE = 0.25  # share by which what it gains may differ from that
+STALLED_SHARE = 0.02  # share of the predicted gain below which two steps in a row were the last
 
 Tell = Callable[[str], None]
 
@@ -31,8 +31,8 @@ def maximise(
     unknowns: Sequence[Unknown],
     flights: Sequence[Flight],
     *,
-    enough: float = ENOUGH,
-    iterations: int = ITERATIONS,
+    enough: float = ENOUGH_GAIN,
+    iterations: int = MOST_ITERATIONS,
     tell: Tell | None = None,
 ) -> tuple[NormalEquations, list[NormalEquations]]:
     """Return the normal equations at the maximum of the posterior, and those of every point on the way.
@@ -61,7 +61,7 @@ def equations_at_maximum(
         exact = _one_step_on(exact, better) or difference_equations(better, flights)
         return exact
 
-    return _climb(exact, flights, ENOUGH, ROUNDS, tell, at)[0]
+    return _climb(exact, flights, ENOUGH_GAIN, MOST_ROUNDS, tell, at)[0]
 
 
 def _one_step_on(exact: NormalEquations, better: NormalEquations) -> NormalEquations | None:
@@ -71,7 +71,7 @@ def _one_step_on(exact: NormalEquations, better: NormalEquations) -> NormalEquat
     moved = np.array([better.point.value(u) - exact.point.value(u) for u in exact.unknowns])
     step = moved / exact.scales
     promised, gained = predicted_gain(exact, step), exact.objective - better.objective
-    if not (0.0 < promised < LITTLE and abs(gained - promised) < AS_PROMISED * promised):
+    if not (0.0 < promised < LITTLE_GAIN and abs(gained - promised) < GAIN_TOLERANCE * promised):
         return None
     terms = tuple(
         replace(t, gram=e.gram, slope=e.slope - e.gram @ step, scatter=e.scatter)
@@ -103,7 +103,7 @@ def _climb(
         LOGGER.info("%s, predicted %.3g", line, gain)
         if tell is not None:
             tell(line)
-        stalled = stalled + 1 if gained < STALLED * gain else 0
+        stalled = stalled + 1 if gained < STALLED_SHARE * gain else 0
         found = at(better)
         visited.append(found)
         if stalled == 2:
@@ -113,7 +113,7 @@ def _climb(
 
 def has_converged(found: NormalEquations) -> bool:
     """Whether no step is left that would gain anything that matters."""
-    return predicted_gain(found, bounded_step(found)) < 20.0 * ENOUGH
+    return predicted_gain(found, bounded_step(found)) < 20.0 * ENOUGH_GAIN
 
 
 def _descend(
@@ -124,4 +124,4 @@ def _descend(
         trial = normal_equations(point, found.unknowns, flights)
         return trial.objective, lambda: trial
 
-    return descend(found, radius, TRIES, look, lengthen=found.exact)
+    return descend(found, radius, MOST_TRIES, look, lengthen=found.exact)

@@ -18,11 +18,11 @@ from smsid.model.stations import find_appendage, station_indices
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 
-WIDTH = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}
-TOGETHER = 0.02  # of a sample interval: readings no further apart are of one moment
+COMPONENTS = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}
+SAME_MOMENT = 0.02  # of a sample interval: readings no further apart are of one moment
 MOST_STEPS = 10_000_000  # between samples in all: beyond, a clock has jumped
-OUTLIER = 8.0  # standard deviations of its stated noise that an outlier is off by at least
-FLOOR = 1e-9  # relative to the channel's spread: noise below it is rounding
+OUTLIER_SIGMAS = 8.0  # standard deviations of its stated noise that an outlier is off by at least
+NOISE_FLOOR = 1e-9  # relative to the channel's spread: noise below it is rounding
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def measurements_of(
 ) -> Measurements:
     """Return what a recording holds of the sensors' channels, at all times at which one of them has a sample.
 
-    A channel is NaN where it has none. Times within `TOGETHER` of a sample interval of the fastest channel
+    A channel is NaN where it has none. Times within `SAME_MOMENT` of a sample interval of the fastest channel
     count as one; where nothing is read for longer than ``longest`` [s], times without readings stand between.
     Noise levels are those the sensors state, or where none is stated, those of the channel's third
     differences.
@@ -238,7 +238,7 @@ def measurements_of(
 def _all_times(clocks: Sequence[np.ndarray]) -> np.ndarray:
     """Return the times (N,) at which any of the clocks ticks, those of the fastest as they are."""
     fastest = max(clocks, key=len)
-    near = TOGETHER * float(np.median(np.diff(fastest)))
+    near = SAME_MOMENT * float(np.median(np.diff(fastest)))
     found = fastest
     for clock in clocks:
         own = clock[_distance(found, clock) > near]
@@ -319,11 +319,11 @@ def stated_noise(sensor: Sensor, quantity: str, rate: float, shape: tuple[int, .
 
 
 def _kept_variance(sigma: np.ndarray) -> np.ndarray:
-    """Return which part of the variance of outliers is that of those within `OUTLIER` of ``sigma``.
+    """Return which part of the variance of outliers is that of those within `OUTLIER_SIGMAS` of ``sigma``.
 
     ``sigma`` is in the outliers' own standard deviation; those beyond are left out (`outliers`).
     """
-    end = OUTLIER * sigma
+    end = OUTLIER_SIGMAS * sigma
     return erf(end / np.sqrt(2.0)) - np.sqrt(2.0 / np.pi) * end * np.exp(-0.5 * end**2)
 
 
@@ -335,13 +335,13 @@ def _noise(sensor: Sensor, quantity: str, rate: float, samples: np.ndarray, widt
     third = np.diff(samples[np.isfinite(samples).all(axis=1)], 3, axis=0) / np.sqrt(20.0)
     seen = 1.4826 * np.median(np.abs(third), axis=0)
     seen = np.full(width, 2.0 * seen.max()) if quantity == "attitude" else seen
-    floor = FLOOR * np.maximum(float(np.nanmax(samples) - np.nanmin(samples)), 1e-6)
+    floor = NOISE_FLOOR * np.maximum(float(np.nanmax(samples) - np.nanmin(samples)), 1e-6)
     return np.where(sigma > 0.0, sigma, np.maximum(seen, floor))
 
 
 def _block(sensor: Sensor, quantity: str, rows: slice, stations: int, names: tuple[str, ...]) -> ChannelSlice:
     errors = sensor.error(quantity)
-    own, axes = rows.stop - rows.start, 3 if quantity in WIDTH else rows.stop - rows.start
+    own, axes = rows.stop - rows.start, 3 if quantity in COMPONENTS else rows.stop - rows.start
     apart = any("," in key for key in errors.components)  # stations differ
     shape = (1, stations, axes) if apart else (1, axes)
     width = own if apart else axes

@@ -16,8 +16,8 @@ from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, propagate
 from smsid.estimation.unread_start import derivative, initial_knowledge
 
-CHUNK = 2000  # samples whose derivatives are in memory at once
-BLOCKS = 40  # parts of a recording whose slopes are compared
+SAMPLES_AT_ONCE = 2000  # samples whose derivatives are in memory at once
+SLOPE_PARTS = 40  # parts of a recording whose slopes are compared
 LAGS = 20  # of the autocorrelation of the innovations
 
 
@@ -36,7 +36,7 @@ class InnovationSums:
     fourths: np.ndarray
     products: np.ndarray
     pairs: np.ndarray
-    parts: int = BLOCKS
+    parts: int = SLOPE_PARTS
 
     @property
     def excess(self) -> float:
@@ -52,7 +52,7 @@ class Term:
     """A recording's part of the normal equations, or that of a piece of it: data alone, no prior.
 
     ``volume`` is what of ``log_likelihood`` does not count where parameters are compared (`profiled`).
-    ``scatter`` (m, m) is the sum of the outer products of the slopes of `BLOCKS` parts of the recording:
+    ``scatter`` (m, m) is the sum of the outer products of the slopes of `SLOPE_PARTS` parts of the recording:
     where the model is right and innovations are white, its mean is the Gram matrix.
     """
 
@@ -160,8 +160,8 @@ def _log_likelihood(point: Point, flight: Flight, *, profiled: bool) -> float:
 
 def _runs(point: Point, flight: Flight) -> Iterator[FilterRun]:
     kalman = KalmanFilter(point.model(), problem_at(point, flight))
-    for _ in range(0, len(flight.problem.data.times), CHUNK):
-        yield kalman.advance(CHUNK)
+    for _ in range(0, len(flight.problem.data.times), SAMPLES_AT_ONCE):
+        yield kalman.advance(SAMPLES_AT_ONCE)
 
 
 def normal_equations(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight]) -> NormalEquations:
@@ -210,14 +210,14 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     gram, likely, volume, samples = np.zeros((len(mine),) * 2), 0.0, 0.0, 0
     sums = _Sums(problem.data)
     count = len(problem.data.times)
-    blocks = np.zeros((BLOCKS, len(mine)))
-    for first in range(0, count, CHUNK):
-        run = kalman.advance(CHUNK)
+    blocks = np.zeros((SLOPE_PARTS, len(mine)))
+    for first in range(0, count, SAMPLES_AT_ONCE):
+        run = kalman.advance(SAMPLES_AT_ONCE)
         changes = Sensitivities(here, model, problem, run, kalman.driving)
         whitened = propagate(run, columns_of(changes, mine), delta)
         whitened[:, run.given] = 0.0
         scores = np.einsum("nrm,nr->nm", whitened, run.innovations)
-        np.add.at(blocks, np.arange(first, first + len(scores)) * BLOCKS // count, scores)
+        np.add.at(blocks, np.arange(first, first + len(scores)) * SLOPE_PARTS // count, scores)
         flat = whitened.reshape(-1, len(mine))
         gram += flat.T @ flat
         likely += run.log_likelihood

@@ -12,9 +12,9 @@ from scipy.special import chdtrc
 if TYPE_CHECKING:
     from smsid.estimation.normal_equations import NormalEquations
 
-LEVEL = 1e-4  # probability below which recordings contradict the prior
-APART = 3.5  # standard deviations of its prior by which a parameter that is named is off
-NAMED = 5  # parameters at most
+SIGNIFICANCE = 1e-4  # probability below which recordings contradict the prior
+NAMED_SIGMAS = 3.5  # standard deviations of its prior by which a parameter that is named is off
+MOST_NAMED = 5  # parameters at most
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ def conflict_of(
         if p_scale < p_value:
             p_value, worst, scale = p_scale, share**2 * weight, (1.0 + share, weight**-0.5)
         p_value = min(2.0 * p_value, 1.0)  # the smaller of two
-    if p_value >= LEVEL:
+    if p_value >= SIGNIFICANCE:
         return None
     ranked = sorted(zip(names, off.tolist(), strict=True), key=lambda x: -abs(x[1]))
-    named = [(name, z) for name, z in ranked[:NAMED] if abs(z) > APART]
+    named = [(name, z) for name, z in ranked[:MOST_NAMED] if abs(z) > NAMED_SIGMAS]
     return PriorConflict(p_value, float(np.sqrt(worst)), tuple(named), scale)

@@ -17,8 +17,8 @@ from smsid.model.inertial_forces import InertialForces
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
 
-LOCK = 1e9  # [kg m^2] rotor inertia of a joint that is held still
-PROBE = 1e-6  # step of the differences of nonlinear forces
+LOCK_INERTIA = 1e9  # [kg m^2] rotor inertia of a joint that is held still
+DIFFERENCE_STEP = 1e-6  # step of the differences of nonlinear forces
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class ProcessModel:
     def __init__(self, model: SpacecraftModel, locked: np.ndarray) -> None:
         self.model = model
         self.pin = model.pin.copy()
-        self.pin.armature[locked] += LOCK
+        self.pin.armature[locked] += LOCK_INERTIA
         self._growing: list[tuple[Any, np.ndarray]] = []
         if model.inertial is not None:  # it is to solve with what is held still
             terms = model.inertial.terms
@@ -147,14 +147,14 @@ class ProcessModel:
         dq, dv = np.zeros((2, self.nv, self.nv))
         step = np.zeros(self.nv)
         for j in self._faster:
-            step[j] = PROBE
+            step[j] = DIFFERENCE_STEP
             dv[:, j] = forces(q, v + step) - rest
             step[j] = 0.0
         for j in self._moved:
-            step[j] = PROBE
+            step[j] = DIFFERENCE_STEP
             dq[:, j] = forces(pin.integrate(self.pin, q, step), v) - rest
             step[j] = 0.0
-        return dq / PROBE, dv / PROBE
+        return dq / DIFFERENCE_STEP, dv / DIFFERENCE_STEP
 
     def step(
         self,

@@ -7,10 +7,10 @@ from scipy.optimize import brentq, lsq_linear
 
 from smsid._statistics import NORMAL95
 from smsid.estimation.normal_equations import NormalEquations
-from smsid.estimation.trust_region import ROUNDED
+from smsid.estimation.trust_region import REGULARISATION
 
-AT = 1e-6  # standard deviations from its bound within which a parameter sits at it
-DOUBLINGS = 20  # of a trial limit, until the likelihood has fallen far enough
+AT_BOUND_SIGMAS = 1e-6  # standard deviations from its bound within which a parameter sits at it
+MOST_DOUBLINGS = 20  # of a trial limit, until the likelihood has fallen far enough
 
 
 def bound_intervals(found: NormalEquations, widening: float) -> dict[str, tuple[float, float]]:
@@ -27,7 +27,7 @@ def bound_intervals(found: NormalEquations, widening: float) -> dict[str, tuple[
     out = {}
     for i, u in enumerate(found.unknowns):
         for side in (0, 1):
-            if abs(room[i, side]) < AT * sigma[i]:
+            if abs(room[i, side]) < AT_BOUND_SIGMAS * sigma[i]:
                 reach = profile_limit(found.gram, found.slope, room, i, widening, 1 - side)
                 ends = float(values[i]), float(values[i] + reach * u.scale)
                 out[u.name] = (min(ends), max(ends))
@@ -52,7 +52,7 @@ def profile_limit(
         return _lowest(gram, slope, held) - least - fall
 
     step = NORMAL95 * widening / float(np.sqrt(gram[i, i]))
-    for _ in range(DOUBLINGS):
+    for _ in range(MOST_DOUBLINGS):
         if sign * step > sign * end:
             step = float(abs(end))
             break
@@ -74,7 +74,7 @@ def _lowest(gram: np.ndarray, slope: np.ndarray, room: np.ndarray) -> float:
         aim = slope[free] - gram[np.ix_(free, fixed)] @ step[fixed]
         size = np.sqrt(np.diag(own))
         share, basis = np.linalg.eigh(own / np.outer(size, size))
-        share = np.sqrt(np.maximum(share, 0.0) + ROUNDED)
+        share = np.sqrt(np.maximum(share, 0.0) + REGULARISATION)
         target = basis.T @ (aim / size) / share
         best = basis @ (target / share)
         low, high = (room[free, k] * size for k in (0, 1))

@@ -12,7 +12,7 @@ from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.model.regressor import dynamic_parameters
 
-LITTLE = 1e-4  # share of a step by which its first order is found
+STEP_SHARE = 1e-4  # share of a step by which its first order is found
 
 
 def retract(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Point:
@@ -27,10 +27,12 @@ def retract(start: Point, unknowns: Sequence[Unknown], step: np.ndarray) -> Poin
     if all(u.kind == "inertial" for u in unknowns):
         return end
     links = frozenset(u.column // 10 + 1 for u in unknowns if u.kind == "inertial")
-    near, a_little, far = (_inertias(p, links) for p in (start, start.moved(unknowns, LITTLE * step), end))
+    near, a_little, far = (
+        _inertias(p, links) for p in (start, start.moved(unknowns, STEP_SHARE * step), end)
+    )
     if not len(near) == len(a_little) == len(far):
         raise SmsidError("The step takes away a body that an effect has added.", advice="Take a shorter one.")
-    bend = far - near - (a_little - near) / LITTLE
+    bend = far - near - (a_little - near) / STEP_SHARE
     shift = {u.column: bend[u.column] for u in unknowns if u.kind == "inertial" and bend[u.column] != 0.0}
     inertial = {c: v - shift.get(c, 0.0) for c, v in ({**dict.fromkeys(shift, 0.0), **end.inertial}).items()}
     return replace(end, inertial=inertial)

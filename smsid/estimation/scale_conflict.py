@@ -15,11 +15,11 @@ from smsid.estimation.input_hold import input_channels
 from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.unknowns import effect_unknown
 
-KNOWN = 0.01  # relative error of a scale that thrusters and tachometers may have
+KNOWN_TO = 0.01  # relative error of a scale that thrusters and tachometers may have
 APART, LEAST = 6.0, 0.05  # standard deviations, and relative error, from which a scale is wrong
-TOLD = 0.1  # standard deviation of a scale above which the recordings do not tell it
-LEFT = 0.01  # share of what a scale does that no other parameter makes up for: no model is better below
-RIVAL = 0.5  # share of the best one's chi-squared from which another scale may be what is wrong
+TOLD_BELOW = 0.1  # standard deviation of a scale above which the recordings do not tell it
+LEAST_LEFT = 0.01  # share of what a scale does that no other parameter makes up for: no model is better below
+RIVAL_SHARE = 0.5  # share of the best one's chi-squared from which another scale may be what is wrong
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ScaleConflict:
     @property
     def size(self) -> float:
         """The error in standard deviations of what is known of a scale."""
-        return abs(self.scales[0][1] - 1.0) / KNOWN
+        return abs(self.scales[0][1] - 1.0) / KNOWN_TO
 
     @property
     def sentence(self) -> str:
@@ -61,7 +61,7 @@ def scale_conflict(
     if not added:
         return None, ()
     described = found.point.description.with_effects(*effects)
-    unknowns = [*found.unknowns, *(replace(u, sigma=1.0, scale=KNOWN) for u in added)]
+    unknowns = [*found.unknowns, *(replace(u, sigma=1.0, scale=KNOWN_TO) for u in added)]
     whole = normal_equations(replace(found.point, description=described), unknowns, flights)
     size, first, wrong, untold = len(found.unknowns), len(found.unknowns), [], []
     for channel, own in drives.items():
@@ -72,9 +72,9 @@ def scale_conflict(
         gram = joined.T @ whole.gram @ joined
         covariance = np.linalg.inv(gram)
         left = 1.0 / np.sqrt(gram[size, size] * covariance[size, size])
-        error = KNOWN * float((covariance @ joined.T @ whole.slope)[size])
-        sigma = KNOWN * float(np.sqrt(covariance[size, size])) * widening
-        if sigma > TOLD or left < LEFT:
+        error = KNOWN_TO * float((covariance @ joined.T @ whole.slope)[size])
+        sigma = KNOWN_TO * float(np.sqrt(covariance[size, size])) * widening
+        if sigma > TOLD_BELOW or left < LEAST_LEFT:
             untold.append(channel)
         elif abs(error) > max(APART * sigma, LEAST):
             ratio = 1.0 / (1.0 + error) if channel.startswith("command.") else 1.0 + error
@@ -84,7 +84,7 @@ def scale_conflict(
     least = 0.5 * (APART * widening) ** 2
     if not any(_is_gained(whole, flights, step, least) for _, _, step in wrong):
         return None, tuple(untold)
-    likely = tuple(scale for chi2, scale, _ in wrong if chi2 > RIVAL * wrong[0][0])
+    likely = tuple(scale for chi2, scale, _ in wrong if chi2 > RIVAL_SHARE * wrong[0][0])
     return ScaleConflict(likely), tuple(untold)
 
 

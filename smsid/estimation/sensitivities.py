@@ -27,9 +27,9 @@ from smsid.kernel.sensitivities import carry
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate.trajectory import States
 
-BACK = 1e-4  # [s] how far back a reading is compared for its rate
-DIFFERENCE = 1e-4  # step of a difference, in scales of the parameter
-LITTLE = 0.01  # share of a parameter's value: with steps of far less a difference is of rounding
+LOOK_BACK = 1e-4  # [s] how far back a reading is compared for its rate
+DIFFERENCE_STEP = 1e-4  # step of a difference, in scales of the parameter
+LEAST_STEP = 0.01  # share of a parameter's value: with steps of far less a difference is of rounding
 Places = np.ndarray | EllipsisType  # which of several; ... are all
 Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -224,7 +224,7 @@ class Sensitivities:
 
     def sensor(self, unknown: Unknown) -> Sensitivity:
         """Return the change by another error of a sensor in this recording, by a difference."""
-        step = DIFFERENCE * unknown.scale
+        step = DIFFERENCE_STEP * unknown.scale
         other = self.point.moved([unknown], np.array([step]))
         reading = self._reading_change(self.point, other, self.model, self.model)
         return Sensitivity.of(reading=None if reading is None else reading / step)
@@ -232,7 +232,7 @@ class Sensitivities:
     def unknown(self, unknown: Unknown) -> Sensitivity:
         """Return the change by a parameter of an effect the point has, by a difference."""
         value, owner = self.point.value(unknown), unknown.name.partition(".")[0]
-        step = DIFFERENCE * max(unknown.scale, LITTLE * abs(value))
+        step = DIFFERENCE_STEP * max(unknown.scale, LEAST_STEP * abs(value))
         step = step if value + step <= unknown.upper else -step
         mine, more = (
             p.description.get_effect(owner)
@@ -248,12 +248,12 @@ class Sensitivities:
         """Return time derivatives of the readings (N, rows) between jumps of the commands, for delays."""
         if self._rates is None:
             s, plant = self.run.states, ProcessModel(self.model, self.problem.locked)
-            q, v, a = np.empty_like(s.q), s.v - BACK * s.a, np.empty_like(s.a)
+            q, v, a = np.empty_like(s.q), s.v - LOOK_BACK * s.a, np.empty_like(s.a)
             for k, (t, tau) in enumerate(zip(s.time, s.tau, strict=True)):
-                q[k] = pin.integrate(self.model.pin, s.q[k], -BACK * s.v[k])
-                a[k] = plant.acceleration(float(t) - BACK, q[k], v[k], tau)
+                q[k] = pin.integrate(self.model.pin, s.q[k], -LOOK_BACK * s.v[k])
+                a[k] = plant.acceleration(float(t) - LOOK_BACK, q[k], v[k], tau)
             before = States(s.time, q, v, a, s.tau, s.reaction)
-            rates = (self.outputs.all(s) - self.outputs.all(before)) / BACK
+            rates = (self.outputs.all(s) - self.outputs.all(before)) / LOOK_BACK
             for block in self.problem.data.blocks:
                 if block.quantity == "attitude":
                     rates[:, block.rows] = s.v[:, 3:6]

@@ -11,7 +11,7 @@ from smsid.estimation.parameter_vector import Point
 from smsid.estimation.unknowns import effect_unknown
 from smsid.parameter import Parameter
 
-SPEED = 1.0  # [s] over which the rate of a reading is taken, for clocks that are off
+RATE_SPAN = 1.0  # [s] over which the rate of a reading is taken, for clocks that are off
 
 
 def reading_uncertainty(point: Point, data: Measurements) -> np.ndarray:
@@ -77,7 +77,7 @@ def _change(data: Measurements, old: ChannelSlice, new: ChannelSlice) -> np.ndar
         read = [(first.reshape(-1, len(b.gain)) @ b.gain.T).ravel() for b in (old, new)]  # by station
         out = out + np.abs(read[1] - read[0])
     if new.delay != old.delay:
-        later = there[data.times[there] <= data.times[there[0]] + SPEED]
+        later = there[data.times[there] <= data.times[there[0]] + RATE_SPAN]
         span = float(data.times[later[-1]] - data.times[later[0]])
         if span > 0.0:
             out = out + abs(new.delay - old.delay) * np.abs(x[later[-1]] - x[later[0]]) / span

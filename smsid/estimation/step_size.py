@@ -16,8 +16,8 @@ from smsid.estimation.problem import Problem
 from smsid.estimation.trust_region import bounded_step
 
 LOGGER = logging.getLogger(__name__)
-FINER = 4  # times that steps are halved
-NEGLIGIBLE = 0.2  # standard deviations by which halved steps may move all parameters together
+MOST_HALVINGS = 4  # times that steps are halved
+NEGLIGIBLE_SHIFT = 0.2  # standard deviations by which halved steps may move all parameters together
 
 
 def finely_stepped(
@@ -28,14 +28,14 @@ def finely_stepped(
     Friction that changes its sign, or a wall, acts within less than a step that the rest of the motion needs.
     """
     flights, visited = list(flights), []
-    for _ in range(FINER):
+    for _ in range(MOST_HALVINGS):
         finer = [replace(f, problem=with_half_the_step(f.problem)) for f in flights]
         try:
             here = normal_equations(found.point, found.unknowns, finer)
             moved = bounded_step(here) - bounded_step(found)
             size = float(np.sqrt(moved @ here.gram @ moved))
             LOGGER.info("steps of half the length: %.2g standard deviations", size)
-            if not size > NEGLIGIBLE:
+            if not size > NEGLIGIBLE_SHIFT:
                 break
             if tell is not None:
                 tell(

@@ -15,7 +15,7 @@ import numpy as np
 
 SPAN, SPANS = 1000, 4  # samples that are read at a time; spans of a long recording
 DECADES = np.arange(-3.0, 3.51, 0.5)  # of a walk, about what acceleration and jerk alone would have it
-UNKNOWN = 3.0  # times its root mean square that an acceleration which is not known may be
+UNKNOWN_FACTOR = 3.0  # times its root mean square that an acceleration which is not known may be
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ def acceleration_walks(
     ladder = 10.0**DECADES
     found = []
     for order, guess in enumerate(guesses, start=1):
-        start = np.stack([UNKNOWN * acceleration, UNKNOWN * jerk][:order], axis=1)
+        start = np.stack([UNKNOWN_FACTOR * acceleration, UNKNOWN_FACTOR * jerk][:order], axis=1)
         likely = _log_likelihood(times, readings, sigma, integrations, start, np.outer(ladder, guess))
         best = np.argmax(likely, axis=0)
         found.append((guess * 10.0 ** (_peak(likely, best)), likely[best, np.arange(len(best))]))
     (plain, as_walk), (smooth, as_slope) = found
     return [
-        AccelerationWalk(float(s), float(UNKNOWN * j)) if b > a else AccelerationWalk(float(p), 0.0)
+        AccelerationWalk(float(s), float(UNKNOWN_FACTOR * j)) if b > a else AccelerationWalk(float(p), 0.0)
         for p, a, s, b, j in zip(plain, as_walk, smooth, as_slope, jerk, strict=True)
     ]
 

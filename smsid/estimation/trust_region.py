@@ -16,10 +16,10 @@ from smsid.estimation.retraction import retract
 LOGGER = logging.getLogger(__name__)
 WEAK, GOOD = 0.25, 0.75  # shares of the promised gain below which steps are shortened, above which they grow
 LONGER, LONGEST = 1.5, 10.0  # times as long as a step may be tried: less is not worth a look
-GROWN = 3.0  # times as far the next step may go after one that gained what it promised
+GROWTH = 3.0  # times as far the next step may go after one that gained what it promised
 LEAST, MOST = -12.0, 12.0  # logarithms of the damping: none to speak of, and no step to speak of
-SHORTER = (0.05, 0.5)  # of a step that led up, what the next may be: at least, at most
-ROUNDED = 1e-12  # share of a parameter's squares that is added: what does nothing stays where it is
+SHORTENING = (0.05, 0.5)  # of a step that led up, what the next may be: at least, at most
+REGULARISATION = 1e-12  # share of a parameter's squares that is added: what does nothing stays where it is
 
 
 class Quadratic(Protocol):
@@ -83,7 +83,7 @@ def descend(
                 gained = found.objective - objective
                 if gained > 0.0:
                     share = gained / predicted_gain(found, step)
-                    grown = max(radius, GROWN * length) if share > GOOD else radius
+                    grown = max(radius, GROWTH * length) if share > GOOD else radius
                     radius = 0.5 * length if share < WEAK else grown
                     longer = _lengthen_step(found, step, gained) if lengthen else None
                     if longer is not None and longer.physical():
@@ -125,7 +125,7 @@ def bounded_step(found: Quadratic, damping: float = 0.0) -> np.ndarray:
     """
     size = sizes(found)
     share, basis = np.linalg.eigh(found.gram / np.outer(size, size))
-    share = np.maximum(share, 0.0) + damping + ROUNDED
+    share = np.maximum(share, 0.0) + damping + REGULARISATION
     root = np.sqrt(share)[:, None] * basis.T
     aim = basis.T @ (found.slope / size) / np.sqrt(share)
     low, high = (bound * size for bound in room_within_bounds(found.point, found.unknowns))
@@ -139,8 +139,8 @@ def room_within_bounds(point: Point, unknowns: Sequence[Unknown]) -> tuple[np.nd
     """Return how far parameters may go down and up from a point, in scales: (m,) each."""
     ends = np.array([np.array(point.bounds(u)) - point.value(u) for u in unknowns]).reshape(-1, 2)
     ends /= np.array([[u.scale] for u in unknowns])
-    still = ends[:, 1] - ends[:, 0] < ROUNDED  # no room at all is none that a solver accepts
-    ends[still, 1] = ends[still, 0] + ROUNDED
+    still = ends[:, 1] - ends[:, 0] < REGULARISATION  # no room at all is none that a solver accepts
+    ends[still, 1] = ends[still, 0] + REGULARISATION
     return ends[:, 0], ends[:, 1]
 
 
@@ -174,4 +174,4 @@ def next_radius(length: float, slope: float, up: float) -> float:
     To the lowest point of the parabola through both.
     """
     share = 0.5 * slope / (slope + up) if np.isfinite(up) else 0.0
-    return length * float(np.clip(share, *SHORTER))
+    return length * float(np.clip(share, *SHORTENING))

@@ -10,7 +10,7 @@ import numpy as np
 from smsid.effects.base import Effect
 from smsid.effects.sensor import UNITS
 from smsid.errors import DescriptionError
-from smsid.estimation.measurements import WIDTH, component_labels
+from smsid.estimation.measurements import COMPONENTS, component_labels
 from smsid.estimation.parameter_vector import Kind, Point, Polar, Unknown
 from smsid.likelihood.parameters import body_size
 from smsid.likelihood.prior import CAD, EFFECT, Cad
@@ -19,8 +19,8 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.parameter import Parameter
 from smsid.sensing import Sensor
 
-STEP = 1e-3  # size of a change of a parameter that is zero and has no prior, in its own unit
-BIAS = {"acceleration": 0.05, "angular_rate": 0.01}
+DEFAULT_STEP = 1e-3  # size of a change of a parameter that is zero and has no prior, in its own unit
+BIAS_SIGMA = {"acceleration": 0.05, "angular_rate": 0.01}
 """Standard deviations of sensor biases that no description states [m/s^2, rad/s]: wide."""
 MOST = (
     1e6  # standard deviation of what has no prior at all, in its steps: finite, so that nothing is singular
@@ -81,7 +81,7 @@ def sensor_unknowns(
             if channel not in present:
                 continue
             errors, labels = sensor.error(quantity), component_labels(model, sensor, quantity)
-            wide = BIAS.get(quantity, 0.0) if sensor.kind == "imu" and not only_stated else 0.0
+            wide = BIAS_SIGMA.get(quantity, 0.0) if sensor.kind == "imu" and not only_stated else 0.0
             bias = np.hypot(np.asarray(errors.bias_sigma, dtype=float), errors.gauss_markov_sigma)
             bias = np.where(bias > 0.0, bias, wide)
             walk = np.asarray(errors.random_walk, dtype=float) * (bias == 0.0)
@@ -89,14 +89,14 @@ def sensor_unknowns(
             if channel not in taken:  # a walk is followed about a value that it hardly begins off
                 stated.append(("bias", "bias", UNITS[quantity], np.hypot(bias, walk)))
             stated.append(("scale", "sensor", "1", np.asarray(errors.scale_sigma, dtype=float)))
-            if quantity in WIDTH:
+            if quantity in COMPONENTS:
                 turned = np.asarray(errors.misalignment_sigma, dtype=float)
                 stated.append(("misalignment", "sensor", "rad", turned))
             for term, kind, unit, sigma in stated:
                 whole = np.resize(sigma, len(labels)) if sigma.ndim else np.full(len(labels), float(sigma))
                 for i in np.flatnonzero(whole):
                     name, s = f"{label}: {channel}.{term}.{labels[i]}", float(whole[i])
-                    scale = min(s, 1e-3 * BIAS.get(quantity, 1e3 * s)) if kind == "bias" else s
+                    scale = min(s, 1e-3 * BIAS_SIGMA.get(quantity, 1e3 * s)) if kind == "bias" else s
                     found.append(Unknown(name, kind, unit, 0.0, s, scale, column=int(i)))
     return found
 
@@ -202,5 +202,5 @@ def effect_unknown(p: Parameter) -> Unknown:
     elif size:
         sigma, scale = EFFECT * size, size
     else:
-        sigma, scale = MOST * STEP, STEP
+        sigma, scale = MOST * DEFAULT_STEP, DEFAULT_STEP
     return Unknown(p.name, "effect", p.unit, p.value, sigma, scale, lower=p.lower, upper=p.upper)

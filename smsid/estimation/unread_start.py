@@ -16,8 +16,8 @@ from smsid.estimation.flight import Flight
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Belief
 
-FAR = 0.005  # [rad, rad/s] of the bus, or of what wheels turn it by, beyond which nothing has read it
-KNOWN = 1e-6  # of its standard deviation, what is left of it to the filter
+UNREAD = 0.005  # [rad, rad/s] of the bus, or of what wheels turn it by, beyond which nothing has read it
+KNOWN_SHARE = 1e-6  # of its standard deviation, what is left of it to the filter
 START = "start."
 
 
@@ -34,17 +34,17 @@ def with_unread_start(flight: Flight) -> tuple[Flight, list[Unknown]]:
     mass = pin.crba(model.pin, model.pin.createData(), model.home).diagonal()
     names = {3 + i: (f"attitude.{axis}", "rad") for i, axis in enumerate("xyz")}
     names |= {nv + 3 + i: (f"rate.{axis}", "rad/s") for i, axis in enumerate("xyz")}
-    far = {k: FAR for k in names}
+    far = {k: UNREAD for k in names}
     for name, v in zip(model.wheels.names, model.wheels.v, strict=True):
         names[nv + int(v)] = name, "rad/s"
-        far[nv + int(v)] = FAR * float(mass[3:6].min() / mass[v])
+        far[nv + int(v)] = UNREAD * float(mass[3:6].min() / mass[v])
     found, covariance = [], begin.covariance.copy()
     for k, (name, unit) in names.items():
         if sigma[k] > far[k]:
             label = f"{flight.label}: {START}{name}"
             found.append(Unknown(label, "start", unit, 0.0, float(sigma[k]), float(sigma[k]), column=k))
             covariance[k], covariance[:, k] = 0.0, 0.0
-            covariance[k, k] = (KNOWN * sigma[k]) ** 2
+            covariance[k, k] = (KNOWN_SHARE * sigma[k]) ** 2
     problem = replace(flight.problem, begin=replace(begin, covariance=covariance))
     return (replace(flight, problem=problem) if found else flight), found
 

@@ -21,9 +21,9 @@ from smsid.estimation.normal_equations import NormalEquations, log_volume_of
 from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import sizes
 
-STRAIGHT = 0.3  # second difference of the volume over a standard deviation to both sides, of what is told
-ASKED = 0.01  # share of what is known along an axis that the recordings tell, from which it is asked about
-WEAK = 3  # axes, those told least
+STRAIGHT_WITHIN = 0.3  # second difference of the volume over a sigma to both sides, of what is told
+ASKED_SHARE = 0.01  # share along an axis that the recordings tell, from which it is asked about
+MOST_AXES = 3  # axes, those told least
 
 
 def with_mean_torques(flights: Sequence[Flight], mean: bool = True) -> list[Flight]:
@@ -40,13 +40,13 @@ def are_told_by_torques(found: NormalEquations, flights: Sequence[Flight]) -> bo
     axes = principal_axes(found)
     told = np.einsum("ik,ij,jk->k", axes, found.information, axes)
     wide = np.linalg.norm(axes * sizes(found)[:, None], axis=0)
-    order = [k for k in np.argsort(-wide, kind="stable") if told[k] > ASKED]
+    order = [k for k in np.argsort(-wide, kind="stable") if told[k] > ASKED_SHARE]
     here = log_volume_of(found.point, flights)
-    for axis, share in zip(axes.T[order[:WEAK]], told[order[:WEAK]], strict=True):
+    for axis, share in zip(axes.T[order[:MOST_AXES]], told[order[:MOST_AXES]], strict=True):
         try:
             ends = [retract(found.point, found.unknowns, s * axis * found.scales) for s in (1.0, -1.0)]
             bend = sum(log_volume_of(p, flights) for p in ends if p.physical()) - 2.0 * here
-            if not all(p.physical() for p in ends) or abs(bend) > STRAIGHT * share:
+            if not all(p.physical() for p in ends) or abs(bend) > STRAIGHT_WITHIN * share:
                 return False
         except SmsidError:
             return False

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from smsid.estimation.fit_quality import WRONG
+from smsid.estimation.fit_quality import WRONG_RATIO
 from smsid.tracking.update import Update
 
 FEWEST, MEMORY = 20, 600  # readings of a component before it is judged; that its mean square goes back
@@ -16,7 +16,7 @@ class FitWatch:
     """Listens to a tracker. ``widening`` is the factor its standard deviations need, one while all is right.
 
     It is the root mean square of the normalised innovations of the worst component, once that is beyond
-    `smsid.estimation.fit_quality.WRONG`, and does not shrink: what a wrong model has done to parameters
+    `smsid.estimation.fit_quality.WRONG_RATIO`, and does not shrink: what a wrong model has done to parameters
     stays. ``component`` is where it was; ``squares`` are mean square and number of readings by component.
     """
 
@@ -50,7 +50,7 @@ class FitWatch:
         mean += (update.normalised**2 - mean) / np.minimum(count, MEMORY)
         self._mean[at], self._count[at] = mean, count
         worst = np.where(count >= FEWEST, mean, 0.0)
-        if len(worst) and worst.max() > max(WRONG, self.widening) ** 2:
+        if len(worst) and worst.max() > max(WRONG_RATIO, self.widening) ** 2:
             k = int(worst.argmax())
             self.widening, self.component = float(mean[k]) ** 0.5, update.rows[k]
 
@@ -63,7 +63,7 @@ class FitWatch:
 
     @property
     def explained(self) -> bool:
-        """Whether no component was left at more than `WRONG` times its noise."""
+        """Whether no component was left at more than `WRONG_RATIO` times its noise."""
         return self.widening == 1.0
 
     @property

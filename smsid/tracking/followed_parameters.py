@@ -13,7 +13,7 @@ from smsid.errors import DescriptionError, EstimateError
 from smsid.estimation.bias_walk import walk_rate
 from smsid.estimation.bodies import linear_terms
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.unknowns import BIAS, MOST, STEP, sensor_unknowns, unknowns_of
+from smsid.estimation.unknowns import BIAS_SIGMA, DEFAULT_STEP, MOST, sensor_unknowns, unknowns_of
 from smsid.identify.estimate import Estimate
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.prior import Cad
@@ -184,7 +184,7 @@ def _matching_names(pattern: str, names: Sequence[str]) -> list[str]:
 def _size(unknown: Unknown) -> float:
     """Return the typical size of a parameter: that of its body, of its value, or of its prior."""
     if unknown.kind == "bias":
-        return BIAS.get(unknown.name.split(".")[1], unknown.sigma)
+        return BIAS_SIGMA.get(unknown.name.split(".")[1], unknown.sigma)
     return abs(unknown.nominal) if unknown.kind == "effect" and unknown.nominal else unknown.scale
 
 
@@ -193,7 +193,7 @@ def _with_prior(unknown: Unknown) -> Unknown:
     if unknown.kind != "effect":
         return unknown
     size = abs(unknown.nominal)
-    stated = unknown.sigma < 0.999 * (10.0 * size if size else MOST * STEP)
+    stated = unknown.sigma < 0.999 * (10.0 * size if size else MOST * DEFAULT_STEP)
     if stated or not size:
         return unknown if stated else replace(unknown, sigma=unknown.scale)
     return replace(unknown, sigma=UNCERTAIN * size, scale=size)

@@ -12,11 +12,11 @@ from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.estimation.bias_walk import unit_bias
 from smsid.estimation.compiled_filter import Change, effect_tables, inertial_tables, with_parameters
-from smsid.estimation.filter_pass import CLOSE, Instance, Moment
+from smsid.estimation.filter_pass import CLOSE_SIGMAS, Instance, Moment
 from smsid.estimation.measurements import Measurements
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import UnknownForces
-from smsid.estimation.sensitivities import DIFFERENCE
+from smsid.estimation.sensitivities import DIFFERENCE_STEP
 from smsid.kernel.filter_arrays import Drive
 from smsid.simulate import Inputs
 from smsid.tracking.drive import applied_forces
@@ -52,7 +52,7 @@ class Linearisation:
         self.scales = np.array([u.scale for u in unknowns])
         self.rates = (np.array([f.rate for f in followed]) / self.scales) ** 2
         self.trends = trends_of(followed)
-        self.close = np.array([np.inf if u.kind == "bias" else CLOSE for u in unknowns])
+        self.close = np.array([np.inf if u.kind == "bias" else CLOSE_SIGMAS for u in unknowns])
         self.point = point_at(origin, unknowns, self.values)
         self.base = Instance.at(self.point, layout, locked)
         inertial = [i for i, u in enumerate(unknowns) if u.kind == "inertial"]
@@ -110,7 +110,7 @@ class Linearisation:
         u = self.unknowns[i]
         ends = []
         for sign in (-1.0, 1.0):
-            value = float(np.clip(self.values[i] + sign * DIFFERENCE * u.scale, u.lower, u.upper))
+            value = float(np.clip(self.values[i] + sign * DIFFERENCE_STEP * u.scale, u.lower, u.upper))
             ends.append((value, Instance.at(point_at(self.point, [u], [value]), layout, locked)))
         (less, low), (more, high) = ends
         if low.model.nv != high.model.nv or low.model.nv != self.base.model.nv:

@@ -12,7 +12,7 @@ from smsid.errors import RecordingError, SimulationError
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import initial_belief
 from smsid.estimation.kalman import _input_covariance
-from smsid.estimation.measurements import TOGETHER
+from smsid.estimation.measurements import SAME_MOMENT
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Belief, CommandTiming, Problem, unknown_sigmas
@@ -103,7 +103,7 @@ class Tracker:
             np.zeros(model.nv), np.zeros(k), start.mean.copy(), covariance,
         )  # fmt: skip
         self.log = EventLog()
-        self.buffer = SampleBuffer(TOGETHER * setting.substep, setting.lateness, self.log, setting.silence)
+        self.buffer = SampleBuffer(SAME_MOMENT * setting.substep, setting.lateness, self.log, setting.silence)
         self.commands = CommandMemory(model, setting.hold)
         self.moving = False
         self._first = np.inf  # when the first motion began [s]

@@ -48,7 +48,7 @@ def test_what_is_commanded_is_made_once_for_all_chunks(known, flight, monkeypatc
     """Of a whole recording at each of them, time would go with its square."""
     made, plain = [], Inputs.applied
     monkeypatch.setattr(Inputs, "applied", lambda self, model: made.append(1) or plain(self, model))
-    monkeypatch.setattr("smsid.estimation.normal_equations.CHUNK", 50)
+    monkeypatch.setattr("smsid.estimation.normal_equations.SAMPLES_AT_ONCE", 50)
     normal_equations(known.point, unknowns_of(known.point).unknowns[:2], [flight])
     assert len(flight.problem.data.times) > 500 and len(made) == 1
 

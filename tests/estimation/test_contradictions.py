@@ -45,7 +45,7 @@ def rows():
 
 
 def p_value(found_parts, monkeypatch):
-    monkeypatch.setattr(module, "LEVEL", 2.1)  # tell every one
+    monkeypatch.setattr(module, "SIGNIFICANCE", 2.1)  # tell every one
     return min(c.p_value for c in contradictions_of(found_parts, np.eye(15), rows()))
 
 

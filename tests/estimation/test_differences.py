@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.estimation.differences import ALIKE, derivatives_hold, difference_equations
+from smsid.estimation.differences import DERIVATIVE_TOLERANCE, derivatives_hold, difference_equations
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.maximum import _one_step_on, equations_at_maximum, has_converged, maximise
@@ -151,7 +151,7 @@ def test_slopes_by_springs_of_a_tank_that_begins_anyhow_are_not_those_along_the_
     step = np.array([0.1 / size])
     up, down = (objective_of(retract(point, some, s * some[0].scale), some, flights) for s in (step, -step))
     assert exact.slope[0] == pytest.approx(-float((up - down) / (2.0 * step[0])), abs=0.03 * size)
-    assert abs(exact.slope[0] - found.slope[0]) > ALIKE * size
+    assert abs(exact.slope[0] - found.slope[0]) > DERIVATIVE_TOLERANCE * size
 
 
 def test_of_a_tank_that_begins_at_rest_they_say_what_is_right(tank):

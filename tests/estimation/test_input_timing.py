@@ -76,7 +76,7 @@ def test_ways_far_behind_over_the_first_samples_go_no_further(known, problem, mo
 
     plain = replace(problem, recording=problem.recording.with_provenance({}))
     monkeypatch.setattr("smsid.estimation.input_timing.run_filter", counted)
-    monkeypatch.setattr("smsid.estimation.input_timing.BEHIND", np.inf)
+    monkeypatch.setattr("smsid.estimation.input_timing.HOPELESS_LOSS", np.inf)
     every = timing_of(known.point, plain, CommandTiming())
     assert lengths.count(len(problem.data.times)) == len(timings(plain.recording)) > 1
     monkeypatch.undo()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from smsid._statistics import NORMAL95
-from smsid.estimation.likelihood_profile import POORLY, Profile, _Follower, loosely_told
+from smsid.estimation.likelihood_profile import POORLY_KNOWN, Profile, _Follower, loosely_told
 
 FALL = 0.5 * NORMAL95**2
 VALUES = np.linspace(-0.9, 0.9, 13)
@@ -41,8 +41,8 @@ def test_where_the_likelihood_does_not_fall_there_is_no_end():
 def test_asked_about_are_parameters_through_which_poorly_known_quantities_vary():
     covariance = np.diag([1.0, 4.0, 9.0])
     gradient = np.array([[1.0, 0.1, 0.0], [0.0, 1.0, 0.1], [0.0, 1.0, 0.2], [3.0, 1.5, 1.0]])
-    assert loosely_told(covariance, gradient, np.array([0.5, 0.2, 0.3, 0.4]) * POORLY) == []
-    assert loosely_told(covariance, gradient, np.array([2.0, 5.0, 4.0, 9.0]) * POORLY) == [1, 0]
+    assert loosely_told(covariance, gradient, np.array([0.5, 0.2, 0.3, 0.4]) * POORLY_KNOWN) == []
+    assert loosely_told(covariance, gradient, np.array([2.0, 5.0, 4.0, 9.0]) * POORLY_KNOWN) == [1, 0]
 
 
 def test_at_a_bound_that_the_maximum_is_at_it_has_no_point_of_its_own(monkeypatch):

@@ -11,7 +11,7 @@ from smsid.estimation import loosening
 from smsid.estimation.commands_between_samples import as_commands_act
 from smsid.estimation.flight import flight_of
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.loosening import FIRST, likeliest_share, thin_flight
+from smsid.estimation.loosening import FIRST_SHARE, likeliest_share, thin_flight
 from smsid.estimation.parameter_vector import Point
 
 from .satellite import Satellite, guess, recorded, true_values
@@ -32,7 +32,7 @@ def recording():
 def test_only_long_flights_of_one_rate_have_fewer_samples(tmp_path, recording, monkeypatch):
     flight = flight_of(Point.of(guess(tmp_path, RIGID, tank=False, panel=False)), recording, "flight")
     assert thin_flight(flight) is flight  # 201 samples would be left
-    monkeypatch.setattr(loosening, "MANY", 200)
+    monkeypatch.setattr(loosening, "MOST_SAMPLES", 200)
     fewer = thin_flight(flight).problem
     assert len(fewer.data.times) == 201 and len(flight.problem.data.times) == 1001
     assert fewer.substep == pytest.approx(0.025)
@@ -51,13 +51,13 @@ def test_a_model_errs_by_what_its_inertia_is_off(tmp_path, factor, low, high):
     wrong = replace(truth, inertia=tuple(map(tuple, factor * np.array(truth.inertia))))
     point = Point.of(guess(tmp_path, wrong, off=0.0, tank=False, panel=False))
     flight = as_commands_act(point, (), flight_of(point, made, "flight"), False)
-    assert low <= likeliest_share(point, [flight], FIRST) <= high
+    assert low <= likeliest_share(point, [flight], FIRST_SHARE) <= high
 
 
 def test_they_do_not_change_what_is_found(tmp_path, recording, monkeypatch):
     description, found = guess(tmp_path, RIGID, tank=False, panel=False), []
     for many in (200, 10_000):
-        monkeypatch.setattr(loosening, "MANY", many)
+        monkeypatch.setattr(loosening, "MOST_SAMPLES", many)
         found.append(identify_flights(description, [recording]).estimate)
     for p in found[1].parameters:
         assert abs(found[0][p.name].value - p.value) < 0.1 * p.sigma

@@ -35,7 +35,7 @@ def test_truths_of_the_prior_are_no_conflict_and_others_are():
 
 def test_false_conflicts_are_as_rare_as_stated(monkeypatch):
     """At a level of 5 %: two tests, of which the smaller p is doubled, make it 3 to 5 %."""
-    monkeypatch.setattr(prior_conflict, "LEVEL", 0.05)
+    monkeypatch.setattr(prior_conflict, "SIGNIFICANCE", 0.05)
     rng = np.random.default_rng(8)
     rows = rng.standard_normal((40, 12)) * np.geomspace(100.0, 0.1, 12)
     information, names = rows.T @ rows, list("abcdefghijkl")

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from smsid.errors import RecordingError
 from smsid.estimation import kalman
-from smsid.estimation.differences import ALIKE, difference_equations
+from smsid.estimation.differences import DERIVATIVE_TOLERANCE, difference_equations
 from smsid.estimation.flight import flight_of
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.identify import identify_spacecraft
@@ -126,7 +126,7 @@ def test_curvatures_beside_a_walk_are_those_of_the_likelihood(flown, tmp_path):
     exact = difference_equations(result.found, result.flights)
     both = [np.sqrt(np.diag(x.gram)) for x in (result.found, exact)]
     np.testing.assert_allclose(*both, rtol=0.02)
-    np.testing.assert_allclose(result.found.slope / both[1], exact.slope / both[1], atol=ALIKE)
+    np.testing.assert_allclose(result.found.slope / both[1], exact.slope / both[1], atol=DERIVATIVE_TOLERANCE)
 
 
 def test_covariances_of_a_walk_are_those_of_the_filter_and_grow_over_gaps(flown, tmp_path):
