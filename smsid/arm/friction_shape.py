@@ -154,7 +154,7 @@ def shape_bounds(
 
 
 def usual_shape(effect: Effect, field: str, model: SpacecraftModel, motion: SmoothMotion) -> float:
-    """Return the value that is expected of a shape before torques are looked at."""
+    """Return the prior mean of a shape: a usual share of the rate's root mean square."""
     low, high = shape_bounds(effect, field, model, motion)
     usual = USUAL[field] * float(np.sqrt(np.mean(sign_rate(effect, model, motion.v) ** 2)))
     return float(np.clip(usual, low, high))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.estimation.filter_run import FilterRun, log_likelihoods, log_volumes
+from smsid.estimation.filter_run import FilterRun, log_determinants, log_likelihoods
 from smsid.estimation.flight import Flight
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.loosening import thin_flight
@@ -217,7 +217,7 @@ class Base:
 
 def _likelihoods(run: FilterRun, profiled: bool) -> np.ndarray:
     whole = log_likelihoods(run.innovations, run.whitening, run.given)
-    return whole - log_volumes(run.whitening, run.given) if profiled else whole
+    return whole - log_determinants(run.whitening, run.given) if profiled else whole
 
 
 def _filter(point: Point, flight: Flight) -> KalmanFilter:

@@ -60,12 +60,12 @@ def log_likelihoods(innovations: np.ndarray, whitening: np.ndarray, given: np.nd
 
     Of ``innovations`` (N, rows) by their ``whitening`` (N, rows, rows), both zero where nothing was read.
     """
-    return log_volumes(whitening, given) - 0.5 * (innovations[:, ~given] ** 2).sum(axis=1)
+    return log_determinants(whitening, given) - 0.5 * (innovations[:, ~given] ** 2).sum(axis=1)
 
 
-def log_volumes(whitening: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """Return what of the log-likelihood of each sample (N,) is by its ``whitening`` (N, rows, rows) alone,
-    beside the rows ``given`` (rows,).
+def log_determinants(whitening: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Return minus half the log-determinant of each sample's innovation covariance (N,), without the rows
+    ``given`` (rows,): the part of its log-likelihood that ``whitening`` (N, rows, rows) alone decides.
     """
     diagonal = np.einsum("nii->ni", whitening)[:, ~given]
     return np.log(np.where(diagonal > 0.0, diagonal, 1.0)).sum(axis=1)

@@ -13,7 +13,7 @@ from smsid.errors import RecordingError
 from smsid.estimation.bias_walk import bias_walks, with_walk_noise
 from smsid.estimation.followed_torques import followed_torques
 from smsid.estimation.initial_state import InitialPrior, initial_belief
-from smsid.estimation.input_hold import input_channels, is_mixed_hold, stepwise
+from smsid.estimation.input_hold import input_channels, is_mixed_hold, is_stepwise
 from smsid.estimation.input_timing import timings
 from smsid.estimation.measurements import (
     COMPONENTS,
@@ -156,7 +156,7 @@ def _without_outliers(data: Measurements) -> tuple[Measurements, list[str]]:
 def likely_timing(recording: Recording) -> CommandTiming:
     """Return how commands act between samples, as the recording says or as they look."""
     choices = timings(recording)
-    looks = "jumps" if is_mixed_hold(recording) else "held" if stepwise(recording) else "linear"
+    looks = "jumps" if is_mixed_hold(recording) else "held" if is_stepwise(recording) else "linear"
     return next((t for t in choices if t.hold == looks), choices[0])
 
 

@@ -127,12 +127,12 @@ def settled_maximum(
     if not has_converged(found):  # so far off, better derivatives do not help
         left = fit_quality(found)
         if max((c.ratio for c in left.channels), default=0.0) > GROSS:
-            raise restless(flights, left)
+            raise convergence_error(flights, left)
     if not has_converged(found) or not derivatives_hold(found, flights):
         found = equations_at_maximum(found, flights, tell=tell)
         visited = [*visited, found]
     if not has_converged(found):
-        raise restless(flights, fit_quality(found))
+        raise convergence_error(flights, fit_quality(found))
     return found, visited
 
 
@@ -170,7 +170,7 @@ def _refuse_contradicting(
         raise contradiction_error(found)
 
 
-def restless(flights: Sequence[Flight], quality: FitQuality) -> NotIdentifiableError:
+def convergence_error(flights: Sequence[Flight], quality: FitQuality) -> NotIdentifiableError:
     """Return the error of a search that does not come to rest, with what may be the reason."""
     wide = {f.label: x for f in flights if (x := _widest_turn(f)) > WIDE_ATTITUDE}
     if wide:

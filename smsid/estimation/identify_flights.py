@@ -17,7 +17,7 @@ from smsid.estimation.commands_between_samples import undecided_covariance
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
-from smsid.estimation.flight_search import restless, search_flights, settled_maximum
+from smsid.estimation.flight_search import convergence_error, search_flights, settled_maximum
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.inertial_combinations import reported_parameters, terms_of_total
 from smsid.estimation.likelihood_profile import (
@@ -161,7 +161,7 @@ def _identify(
             found, more = maximise(better.point, unknowns, flights, tell=tell)
             visited += more
     else:
-        raise restless(flights, fit_quality(found))
+        raise convergence_error(flights, fit_quality(found))
     disagree = contradictions(found, rows[:own], quality.widening)
     scale, untold = scale_conflict(found, flights, quality.widening)
     conflicts = [c.sentence for c in (quality.conflict, scale) if c is not None]

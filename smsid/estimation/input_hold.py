@@ -91,7 +91,7 @@ def is_mixed_hold(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     return all(_looks(recording))
 
 
-def stepwise(recording: Mapping[str, np.ndarray] | Recording) -> bool:
+def is_stepwise(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     """Whether commands (N, k) of a recording jump between samples, and none varies smoothly."""
     return _looks(recording) == (True, False)
 
@@ -174,7 +174,7 @@ def _with_ramps(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.n
     return np.insert(later, at + 1, times[at + 1] - ramp), np.insert(after, at + 1, before, axis=0)
 
 
-def jumps_in(recording: Recording) -> bool:
+def starts_with_jump(recording: Recording) -> bool:
     """Whether held commands are not zero when a recording begins: what was held until then is not known."""
     return any(bool(np.any(np.asarray(recording[c])[0])) for c in COMMANDS.values() if c in recording)
 

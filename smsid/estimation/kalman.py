@@ -12,9 +12,9 @@ from scipy.linalg import block_diag
 from smsid.estimation.bias_walk import BiasWalks
 from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
-from smsid.estimation.filter_run import FilterRun, joined_runs, log_likelihoods, log_volumes
+from smsid.estimation.filter_run import FilterRun, joined_runs, log_determinants, log_likelihoods
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.input_hold import VARYING, jumps_in, limits, means, unevenness
+from smsid.estimation.input_hold import VARYING, limits, means, starts_with_jump, unevenness
 from smsid.estimation.problem import Belief, Problem, recordings_of, unknown_forces, unknown_sigmas
 from smsid.estimation.process_model import ProcessModel
 from smsid.inputs.signals import Signal
@@ -155,7 +155,7 @@ class KalmanFilter:
             States(middle_times, mid_q, mid_v, mid_a, mid_tau, np.zeros_like(mid_tau)),
             inverse, mid_inverse, found.predicted, found.errors, found.normalised,
             present & (times <= self.until)[:, None], edges, self.given,
-            volume=float(log_volumes(found.whitening, self.given).sum()),
+            volume=float(log_determinants(found.whitening, self.given).sum()),
         )  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def _readable(problem: Problem) -> np.ndarray:
     Of the first sample none that shows at once what acts, where that is a command from before the recording.
     """
     present, timing = np.isfinite(problem.data.values), problem.timing
-    if timing.hold not in VARYING and timing.side == "left" and jumps_in(problem.recording):
+    if timing.hold not in VARYING and timing.side == "left" and starts_with_jump(problem.recording):
         for block in problem.data.blocks:
             if block.quantity in AT_ONCE:
                 present[0, block.rows] = False

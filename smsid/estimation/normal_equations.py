@@ -144,7 +144,7 @@ def log_likelihood_of(point: Point, flights: Sequence[Flight]) -> float:
     return sum(_log_likelihood(point, f, profiled=False) for f in flights)
 
 
-def log_volume_of(point: Point, flights: Sequence[Flight]) -> float:
+def log_determinant_of(point: Point, flights: Sequence[Flight]) -> float:
     """Return what of the log-likelihood at a point is by the volume of the innovations alone, in recordings
     with torques that nobody recorded.
 

@@ -17,7 +17,7 @@ import numpy as np
 from smsid.errors import SmsidError
 from smsid.estimation.differences import principal_axes
 from smsid.estimation.flight import Flight
-from smsid.estimation.normal_equations import NormalEquations, log_volume_of
+from smsid.estimation.normal_equations import NormalEquations, log_determinant_of
 from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import sizes
 
@@ -41,11 +41,11 @@ def are_told_by_torques(found: NormalEquations, flights: Sequence[Flight]) -> bo
     told = np.einsum("ik,ij,jk->k", axes, found.information, axes)
     wide = np.linalg.norm(axes * sizes(found)[:, None], axis=0)
     order = [k for k in np.argsort(-wide, kind="stable") if told[k] > ASKED_SHARE]
-    here = log_volume_of(found.point, flights)
+    here = log_determinant_of(found.point, flights)
     for axis, share in zip(axes.T[order[:MOST_AXES]], told[order[:MOST_AXES]], strict=True):
         try:
             ends = [retract(found.point, found.unknowns, s * axis * found.scales) for s in (1.0, -1.0)]
-            bend = sum(log_volume_of(p, flights) for p in ends if p.physical()) - 2.0 * here
+            bend = sum(log_determinant_of(p, flights) for p in ends if p.physical()) - 2.0 * here
             if not all(p.physical() for p in ends) or abs(bend) > STRAIGHT_WITHIN * share:
                 return False
         except SmsidError:

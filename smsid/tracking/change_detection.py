@@ -24,7 +24,7 @@ from smsid._short_repr import short_repr
 from smsid._time_text import time_text
 from smsid.estimation.parameter_vector import Unknown
 from smsid.tracking.course import PASS
-from smsid.tracking.jump_runs import CLOCK, JumpRuns, JumpStart, Rerun, likelier, reach_of
+from smsid.tracking.jump_runs import CLOCK, JumpRuns, JumpStart, Rerun, likeliest_run, reach_of
 from smsid.tracking.tracker import Tracker
 from smsid.tracking.update import Update
 
@@ -288,7 +288,7 @@ class ChangeDetector:
         point = base.before.values[index] + jump
         best = self._runs.iterated(base, index, point, start.time)
         if best is None or best.left > UNEXPLAINED:  # too large, or at another time
-            best = likelier(best, self._runs.found_anew(base, index, point, start.time - grid, alarm))
+            best = likeliest_run(best, self._runs.found_anew(base, index, point, start.time - grid, alarm))
         if best is None:  # lost in all of them: the filter goes on as it is, and knows the jump no better
             best = Rerun(self.tracker.filter, start.time, -np.inf, np.inf)
         return _Found(change, base, index, best)
@@ -301,7 +301,9 @@ class ChangeDetector:
         run = self._runs.iterated(start, index, point, found.run.onset)
         if found.run.left > UNEXPLAINED:  # by too little data: what was read since tells more
             alarm = found.change.alarm  # soon after what is as large
-            run = likelier(run, self._runs.found_anew(start, index, point, alarm - 2 * self.every, alarm))
+            run = likeliest_run(
+                run, self._runs.found_anew(start, index, point, alarm - 2 * self.every, alarm)
+            )
         if run is not None:
             found.run = self._runs.refined(start, index, run, min(found.run.grid, run.grid))
             self._take(found, len(self.changes) - 1)

@@ -85,7 +85,7 @@ class JumpRuns:
             return None
         times = np.arange(max(first, base.time), alarm, 0.25 * self.every)
         size = after.filter.at.values[index]  # that can exist: where the best run was linear
-        best = likelier(*(self._run(base, index, size, float(t)) for t in times))
+        best = likeliest_run(*(self._run(base, index, size, float(t)) for t in times))
         return None if best is None else self.refined(base, index, best, 0.25 * self.every)
 
     def refined(self, start: JumpStart, index: np.ndarray, best: Rerun, grid: float) -> Rerun:
@@ -203,7 +203,7 @@ class JumpRuns:
                 yield edges[here], drive.part(first, last), read, attitudes[here], commanded
 
 
-def likelier(*runs: Rerun | None) -> Rerun | None:
+def likeliest_run(*runs: Rerun | None) -> Rerun | None:
     """Return the likeliest of runs that there are."""
     there = [r for r in runs if r is not None]
     return max(there, key=lambda r: r.likely) if there else None

@@ -27,7 +27,7 @@ class RowErrors:
 
 
 def row_errors(rows: np.ndarray, rhs: np.ndarray, moved: np.ndarray, x: np.ndarray, step: float) -> RowErrors:
-    """Return what noise makes of equations rows (N, 6, n), rhs (N, 6).
+    """Return weights, scales and noise of equations rows (N, 6, n), rhs (N, 6).
 
     ``moved`` (N, 6, n + 1) is what noise once more changes of [rows rhs], ``x`` (n,) roughly the unknowns,
     ``step`` [s] the sampling time.

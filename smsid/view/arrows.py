@@ -30,7 +30,7 @@ BUS_RING, JOINT_RING, WHEEL_RING = 0.30, 0.28, 0.13
 def sign_parts(
     model: SpacecraftModel, paths: dict[int, str], motion: DrawnMotion, found: Momenta, radius: float
 ) -> list[SceneNode]:
-    """Return the signs of all forces, torques and momenta of a motion; ``radius`` [m] is the scene's."""
+    """Return the arrows of all forces, torques and momenta of a motion; ``radius`` [m] is the scene's."""
     bus, root = paths[1 if model.free else 0], paths[0]
     parts: list[SceneNode] = []
     if model.free and np.any(motion.force):

@@ -10,7 +10,7 @@ from smsid.effects import SensorBias
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.estimation.fit_quality import ChannelFit, FitQuality
 from smsid.estimation.flight import FlightOptions, flight_of
-from smsid.estimation.flight_search import restless
+from smsid.estimation.flight_search import convergence_error
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.mapping_check import wrong_columns
@@ -267,7 +267,7 @@ def test_a_search_without_rest_says_that_nothing_measures_the_attitude(tmp_path,
         Point.of(description), recorded(*flown, np.random.default_rng(1), without=("st.attitude",)), "blind"
     )
     well = FitQuality((), 1.0)
-    said = str(restless([flight], well))
+    said = str(convergence_error([flight], well))
     assert re.search(r"nothing reads the attitude in 'blind'.* 0\.5 rad.* --start", said)
 
 
@@ -275,10 +275,10 @@ def test_a_search_without_rest_says_what_the_model_does_not_explain(tmp_path, fl
     description = guess(tmp_path, RIGID, tank=False, panel=False)
     flight = flight_of(Point.of(description), recorded(*flown, np.random.default_rng(1)), "seen")
     loud = ChannelFit("seen", "gyro.angular_rate", "gyro.angular_rate[2]", 6.0, 0.9, 0.0, "not explained")
-    said = str(restless([flight], FitQuality((loud,), 1.0)))
+    said = str(convergence_error([flight], FitQuality((loud,), 1.0)))
     assert "does not come to rest" in said and "smsid diagnose" in said
     assert re.search(r"gyro\.angular_rate\[2\] in 'seen' is left at 6 times its stated noise", said)
-    assert "diagnose" not in str(restless([flight], FitQuality((), 1.0)))
+    assert "diagnose" not in str(convergence_error([flight], FitQuality((), 1.0)))
 
 
 def test_what_cannot_be_used_is_refused(tmp_path):

@@ -11,10 +11,10 @@ from scipy.integrate import quad
 from smsid.estimation.input_hold import (
     _with_ramps,
     is_mixed_hold,
+    is_stepwise,
     jump_intervals,
     limits,
     means,
-    stepwise,
     unevenness,
 )
 from smsid.inputs.changed import Delayed
@@ -102,10 +102,10 @@ def test_a_jump_at_the_last_sample_is_no_slope():
 def test_what_commands_look_like():
     steps = np.repeat([[0.0], [2.0], [-2.0], [0.0]], 10, axis=0)
     waves = np.sin(0.3 * np.arange(40.0))[:, None]
-    assert stepwise({"command.force": steps}) and not is_mixed_hold({"command.force": steps})
+    assert is_stepwise({"command.force": steps}) and not is_mixed_hold({"command.force": steps})
     both = {"command.force": steps, "command.torque": waves}
-    assert is_mixed_hold(both) and not stepwise(both)
-    assert not stepwise({"command.torque": waves}) and not is_mixed_hold({"command.torque": waves})
+    assert is_mixed_hold(both) and not is_stepwise(both)
+    assert not is_stepwise({"command.torque": waves}) and not is_mixed_hold({"command.torque": waves})
 
 
 def test_a_pulse_of_one_sample_is_two_jumps():
