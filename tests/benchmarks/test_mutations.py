@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import builtins
+import io
+import keyword
 import sys
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -20,6 +24,24 @@ def test_a_mutation_can_be_planted_and_is_valid_python(mutation):
     text = (ROOT / mutation.path).read_text(encoding="utf-8")
     compile(planted(mutation, text), mutation.path, "exec")
     assert all((ROOT / test).exists() for test in mutation.tests)
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda m: m.what)
+def test_a_mutation_is_another_decision_and_no_name_that_is_not_there(mutation):
+    """That one would be noticed by any test, whatever it asks."""
+    names = names_in(mutation.after) - names_in((ROOT / mutation.path).read_text(encoding="utf-8"))
+    assert names <= {*keyword.kwlist, *dir(builtins)}
+
+
+def names_in(text: str) -> set[str]:
+    """Return the names in a piece of Python, which need not be whole."""
+    found = set()
+    try:
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            found |= {token.string} if token.type == tokenize.NAME else set()
+    except (tokenize.TokenError, IndentationError):  # a bracket or a block that goes on
+        pass
+    return found
 
 
 def test_half_of_them_are_of_decisions():
