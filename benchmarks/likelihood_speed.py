@@ -24,7 +24,7 @@ from smsid.likelihood.initial_guess import candidates
 from smsid.likelihood.jacobian import PieceNormal, normal
 from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Point
+from smsid.likelihood.point import SearchPoint
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm, piece_of
@@ -57,7 +57,7 @@ def by_differences(
     return PieceNormal(jacobian.T @ jacobian, jacobian.T @ here, np.arange(0), None)
 
 
-def fitted(start: Point, piece: RecordingTerm, prior: Prior) -> tuple[float, dict[str, Any]]:
+def fitted(start: SearchPoint, piece: RecordingTerm, prior: Prior) -> tuple[float, dict[str, Any]]:
     """CPU seconds of a fit, and where it ended."""
     begin = time.process_time()
     found = fit([piece], start, prior)
@@ -73,7 +73,7 @@ def main() -> None:
     rng = np.random.default_rng(0)
     off = described.moved(0.02 * rng.standard_normal(described.size))
     piece, local = piece_of(model, twin.noisy(clean("exp1"), 0), Nuisance())
-    start = Point(candidates(off, None)[0], (local,))
+    start = SearchPoint(candidates(off, None)[0], (local,))
     analytic, here = fitted(start, piece, prior)
     with patch.object(module, "normal", by_differences):
         differences, there = fitted(start, piece, prior)

@@ -273,10 +273,10 @@ def view(
         SmsidError: ``simulated`` without a recording.
         RecordingError: a recording tells nothing of the motion, or its labels are not the spacecraft's.
     """
-    from smsid.view import export_html, played
+    from smsid.view import build_replay, export_html
 
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    return Path(export_html(played(spacecraft, given, simulated=simulated), path))
+    return Path(export_html(build_replay(spacecraft, given, simulated=simulated), path))
 
 
 def export(spacecraft: Description, folder: PathLike, estimate: Estimate | None = None) -> Export:

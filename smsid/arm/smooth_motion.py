@@ -10,7 +10,7 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.readings import JointReadings, joint_readings
-from smsid.arm.smoothing import LEAST, Samples, SmoothJoint, smooth_joint
+from smsid.arm.smoothing import LEAST, JointSamples, SmoothJoint, smooth_joint
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -159,10 +159,10 @@ def joined_motion(motions: Sequence[SmoothMotion]) -> SmoothMotion:
     return replace(first, **{"temperature": None, **stacked}, stretch=stretch, joints=worst)
 
 
-def _samples(readings: JointReadings, stretch: slice, joint: int) -> Samples:
+def _samples(readings: JointReadings, stretch: slice, joint: int) -> JointSamples:
     times = readings.position_time[stretch]
     within = (readings.velocity_time >= times[0]) & (readings.velocity_time <= times[-1])
-    return Samples(
+    return JointSamples(
         times,
         readings.position[stretch, joint],
         readings.velocity_time[within],

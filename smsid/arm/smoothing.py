@@ -52,7 +52,7 @@ EDGE = 4.0
 
 
 @dataclass(frozen=True)
-class Samples:
+class JointSamples:
     """One stretch without gaps: ``time`` (n,) [s] and ``value`` (n,) of a joint, with the rate's own samples.
 
     ``rate_time`` (m,), ``rate`` (m,); both empty where no rate is measured.
@@ -63,13 +63,13 @@ class Samples:
     rate_time: np.ndarray
     rate: np.ndarray
 
-    def neighbour_means(self, count: int) -> Samples:
+    def neighbour_means(self, count: int) -> JointSamples:
         """Return the means of ``count`` neighbours each, where no rate is measured."""
         if count == 1 or self.rate.size:
             return self
         whole = self.time.size // count * count
         time, value = (x[:whole].reshape(-1, count).mean(axis=1) for x in (self.time, self.value))
-        return Samples(time, value, self.rate_time, self.rate)
+        return JointSamples(time, value, self.rate_time, self.rate)
 
 
 @short_repr
@@ -94,7 +94,7 @@ class SmoothJoint:
         return EDGE / (2.0 * np.pi * self.cutoff)
 
 
-def smooth_joint(pieces: Sequence[Samples]) -> SmoothJoint:
+def smooth_joint(pieces: Sequence[JointSamples]) -> SmoothJoint:
     """Return the smoothing splines of a joint with smoothness and noise of greatest likelihood.
 
     All stretches share both. Knots are as many as the motion found asks for, at most one per sample; samples
@@ -183,7 +183,7 @@ class _Fit:
         return float(value - rates * np.log(self.weight) if rates else value)
 
 
-def _fit_order(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _Fit:
+def _fit_order(pieces: Sequence[JointSamples], order: int, before: _Fit | None) -> _Fit:
     """Fit splines of an order with as many knots as they ask for, from a fit ``before`` of another order."""
     step = float(np.median(np.concatenate([np.diff(p.time) for p in pieces])))
     shortest = min(float(p.time[-1] - p.time[0]) for p in pieces)
@@ -212,7 +212,7 @@ def _fit_order(pieces: Sequence[Samples], order: int, before: _Fit | None) -> _F
         knots = more
 
 
-def _first_cutoff(piece: Samples, step: float) -> float:
+def _first_cutoff(piece: JointSamples, step: float) -> float:
     """Return about where the spectrum of samples comes down to their noise [Hz]: where to begin."""
     n = piece.value.size
     window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 4
@@ -228,7 +228,7 @@ class _Basis:
     Between knots, which are equally far apart, all splines are the same polynomials.
     """
 
-    def __init__(self, piece: Samples, rate: float, order: int) -> None:
+    def __init__(self, piece: JointSamples, rate: float, order: int) -> None:
         self.order, self.degree = order, order + 2
         start, end = piece.time[0], piece.time[-1]
         count = max(int(np.ceil((end - start) * rate)), 1)

@@ -112,11 +112,11 @@ def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]
     from smsid.description import load_description
     from smsid.recording import load_recording
     from smsid.report.model import Frame
-    from smsid.view import export_html, played
+    from smsid.view import build_replay, export_html
 
     described, flight = load_description(which.description), load_recording(which.validation)
     try:
-        view = played(described, [flight], [which.validation.stem], simulated=True)
+        view = build_replay(described, [flight], [which.validation.stem], simulated=True)
         path = export_html(view, output / "flight.html", title="The flight not used")
     except MissingDependencyError:
         return None, []

@@ -69,7 +69,7 @@ def view_command(
 ) -> CommandResult:
     """Show a spacecraft, or replay recordings of it, in 3-D: one HTML file, a film, or live (extra: view)."""
     from smsid.description import load_description
-    from smsid.view import Look, played, show, write_view
+    from smsid.view import Look, build_replay, show, write_view
 
     sky: Literal["space", "auto"] = "space" if dark else "auto"
     look = Look(slosh_factor=slosh, panel_factor=bending, background=sky, arrows=arrows, trail=trail)
@@ -79,7 +79,7 @@ def view_command(
         described, paths = load_description(description), recordings or []
         how = {"simulated": simulated, "layout": layout, "look": look, "fps": fps, "speed": speed}
         motions = [_load_track(p) if _is_track(p) else read_recordings([p])[0] for p in paths]
-        view = played(described, motions, file_names(paths), **how)  # type: ignore[arg-type]
+        view = build_replay(described, motions, file_names(paths), **how)  # type: ignore[arg-type]
     if live:
         with show_spinner("drawing"):
             shown = show(view, host=host)

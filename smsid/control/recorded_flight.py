@@ -22,7 +22,7 @@ from smsid.control.closed_loop import Actuators, TrackingRun, tracking_of
 from smsid.control.controller_file import SavedController
 from smsid.control.sensed import SensedState
 from smsid.control.trajectory import Motion, Reference, check_joints
-from smsid.experiments.fly import Flight, check_plausible, check_sensors, clock_lead, record_motion
+from smsid.experiments.fly import FlownExperiment, check_plausible, check_sensors, clock_lead, record_motion
 from smsid.experiments.schema import Experiment
 from smsid.inputs.inputs import Inputs, JointMotion
 from smsid.inputs.signals import Fourier, Sampled
@@ -41,7 +41,7 @@ SAME_TIME = 1e-9  # [s], of two edges
 class ControlledFlight:
     """A flight and its recording, with the errors of the true state at the controller's calls."""
 
-    flight: Flight
+    flight: FlownExperiment
     tracking: TrackingRun
 
 

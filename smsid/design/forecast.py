@@ -21,15 +21,15 @@ from smsid.experiments import Experiment, fly
 from smsid.experiments.scaling import spin_inertias
 from smsid.inputs.signals import Fourier, sample
 from smsid.likelihood.channels import QUANTITIES, Channel, described_sigma, measured_channels
-from smsid.likelihood.inputs import Drive
+from smsid.likelihood.inputs import DrivenMotion
 from smsid.likelihood.normal import Normal, normal_at
 from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues, initial, slots_of
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm, longest_step, piece_of
-from smsid.likelihood.spline import DEGREE, MeasuredMotion
+from smsid.likelihood.spline import DEGREE, FittedMotion
 from smsid.likelihood.time_grid import Timeline
 from smsid.model import build_model
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -102,7 +102,7 @@ class Forecast:
         return measured_channels(self.model, recording, timeline, sigma)
 
     def piece(
-        self, drive: Drive, timeline: Timeline, channels: tuple[Channel, ...]
+        self, drive: DrivenMotion, timeline: Timeline, channels: tuple[Channel, ...]
     ) -> tuple[RecordingTerm, NuisanceValues]:
         """Return a term of the likelihood without data."""
         slots = slots_of(channels, Nuisance())
@@ -120,11 +120,11 @@ class Forecast:
         piece, local = self.piece(self._drive(experiment), self.timeline, self._moving)
         prediction = piece.predict(self.parameters, local)
         piece = piece.with_input_noise(self.parameters, prediction)
-        point = Point(self.parameters, (local,))
+        point = SearchPoint(self.parameters, (local,))
         seen = Evaluation(point, (prediction,), ([],))
         return normal_at([piece], seen, Prior(self.parameters), with_data=False), prediction
 
-    def _drive(self, experiment: Experiment) -> Drive:
+    def _drive(self, experiment: Experiment) -> DrivenMotion:
         model = self.model
         locked = {int(i) for i in (*model.arm_joints.v, *model.wheels.v)}
         free = np.array([i for i in range(model.nv) if i not in locked])
@@ -143,7 +143,7 @@ class Forecast:
                 angle = double_integral(torque, knots) / spin_inertias(model)
             noise = self._noise("tachometer", "wheel_rate", len(model.wheels))
             wheels = _spline(knots, angle, noise)
-        return Drive(free, home, False, None, joints, wheels)
+        return DrivenMotion(free, home, False, None, joints, wheels)
 
     def _noise(self, kind: str, quantity: str, count: int) -> np.ndarray:
         """Noise of a rate (count,), thinned; of joints without encoder none."""
@@ -167,7 +167,7 @@ def exact_information(description: Description, experiment: Experiment) -> Norma
     piece, local = piece_of(model, recording, Nuisance(), described_noise=True)
     piece = piece.following()
     piece = piece.with_input_noise(at, piece.predict(at, local))
-    seen = Evaluation.at([piece], Point(at, (local,)))
+    seen = Evaluation.at([piece], SearchPoint(at, (local,)))
     return normal_at([piece], seen, Prior(at), with_data=False)
 
 
@@ -188,11 +188,11 @@ def single_integral(series: Fourier, times: np.ndarray) -> np.ndarray:
     return np.sin(phase) @ a.T + (1.0 - np.cos(phase)) @ b.T + np.outer(times, series.offset)
 
 
-def _spline(knots: np.ndarray, values: np.ndarray, rate_noise: np.ndarray) -> MeasuredMotion:
+def _spline(knots: np.ndarray, values: np.ndarray, rate_noise: np.ndarray) -> FittedMotion:
     spline = make_interp_spline(knots, values, k=DEGREE)
     width = values.shape[1]
     # what positions add in the band of the motion is left out: rates alone
-    return MeasuredMotion(spline, len(knots) - 1, np.zeros(width), rate_noise, np.zeros((width, 1, 1)))
+    return FittedMotion(spline, len(knots) - 1, np.zeros(width), rate_noise, np.zeros((width, 1, 1)))
 
 
 def fastest_mode(model: SpacecraftModel) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from smsid.design.forecast import Forecast
 from smsid.design.limits import Limits, root_moments, tip_shapes
-from smsid.likelihood.inputs import Drive, Thrust
+from smsid.likelihood.inputs import DrivenMotion, ThrustHistory
 from smsid.likelihood.jacobian import columns
 from smsid.likelihood.normal import inverse
 from smsid.likelihood.nuisance_parameters import NuisanceValues
@@ -190,14 +190,14 @@ def thrust_space(
     )
 
 
-def _drive(forecast: Forecast, axis: int, size: float, intervals: int) -> Drive:
+def _drive(forecast: Forecast, axis: int, size: float, intervals: int) -> DrivenMotion:
     model = forecast.model
     locked = {int(i) for i in (*model.arm_joints.v, *model.wheels.v)} | {3, 4, 5}
     free = np.array([i for i in range(model.nv) if i not in locked])
     values = np.zeros((3, 6))
     values[0, axis] = size
     times = np.array([0.0, forecast.duration / intervals, forecast.duration])
-    return Drive(free, model.home.copy(), True, Thrust(times, values, True), None, None)
+    return DrivenMotion(free, model.home.copy(), True, ThrustHistory(times, values, True), None, None)
 
 
 def _responses(model: SpacecraftModel, limits: Limits, q: np.ndarray) -> list[Bound]:

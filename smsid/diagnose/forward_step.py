@@ -45,7 +45,7 @@ APART = 100.0  # times what the motion changed, that has to be left of it: a ten
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
-class State:
+class SearchState:
     """Where a search stands: the last fit, the causes in it, and the candidates left with their scores.
 
     ``nominal`` is the fit without causes, ``normalised_rmse`` the rms of its prediction errors over

@@ -24,7 +24,7 @@ from smsid.diagnose.score_test import (
     recast,
 )
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.effects.external import Bodies, GravityGradient
+from smsid.effects.external import GravityGradient, TidalBodies
 from smsid.effects.payload import WheelImbalance, point_parameters
 from smsid.estimation.map_estimate import LeftColumns, MapFit, ProjectedColumns
 from smsid.estimation.parameter_vector import Unknown
@@ -354,7 +354,7 @@ class GravityGradientHypothesis(Candidate):
 
     def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
         """Return the derivatives by the field's five coefficients, per step of the gradient."""
-        bodies = Bodies(changes.model.pin)
+        bodies = TidalBodies(changes.model.pin)
 
         def along(states: States) -> np.ndarray:
             return self.steps[0] * bodies.tide(states.q, FIELDS)

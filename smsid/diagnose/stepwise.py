@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.diagnose.forward_step import State
+from smsid.diagnose.forward_step import SearchState
 from smsid.diagnose.model_comparison import Cause, with_further
 from smsid.diagnose.noise_covariance import (
     FOLLOWED,
@@ -142,7 +142,7 @@ def search(
     )  # fmt: skip
 
 
-def _look(state: State) -> None:
+def _look(state: SearchState) -> None:
     while state.guarded("looking for a further cause", state.forward_step):
         pass
     state.guarded("judging the causes beside each other", state.close)
@@ -154,7 +154,7 @@ def _initial_state(
     unknowns: tuple[Unknown, ...],
     candidates: Sequence[Candidate],
     levels: DetectionThresholds,
-) -> State:
+) -> SearchState:
     """Return where a search begins: with the nominal parameters fitted, or, where that leads nowhere, with a
     strong cause beside them.
     """
@@ -189,7 +189,7 @@ def _initial_state(
                 begun = with_levels(InflatedFit(coarse.fit, np.ones(problem.data.rows), unknown=place))
                 if not begun.misfit:
                     begun = replace(begun, fit=refine_steps(begun.fit))
-                return State(begun, candidates, levels, known=coarse.causes, nominal=coarse.nominal)
+                return SearchState(begun, candidates, levels, known=coarse.causes, nominal=coarse.nominal)
             except (SmsidError, np.linalg.LinAlgError) as error:
                 LOGGER.info("the search does not go on from a strong cause: %s", error)
     if fitted is None:
@@ -201,7 +201,7 @@ def _initial_state(
             advice="Is the recording of another spacecraft? Check signs and order of the commands.",
             recording=problem.recording.name,
         )
-    return State(fitted, candidates, levels)
+    return SearchState(fitted, candidates, levels)
 
 
 def _is_local(fitted: InflatedFit) -> bool:
@@ -211,7 +211,7 @@ def _is_local(fitted: InflatedFit) -> bool:
     return left <= FOLLOWED
 
 
-def _apply_generic_tests(state: State, coarse: frozenset[str]) -> tuple[SpecificationTest, ...]:
+def _apply_generic_tests(state: SearchState, coarse: frozenset[str]) -> tuple[SpecificationTest, ...]:
     """Let the generic tests have their say - on further parameters of the causes, on needless ones -, and
     return them.
     """
@@ -228,7 +228,7 @@ def _apply_generic_tests(state: State, coarse: frozenset[str]) -> tuple[Specific
     return blocks
 
 
-def _is_unexplained(state: State, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:
+def _is_unexplained(state: SearchState, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:
     return bool(_significant(blocks, state.causes, state.levels, coarse))
 
 

@@ -129,7 +129,7 @@ class _Tide(ForceLaw):
     def __init__(self, model: pin.Model, effect: GravityGradient) -> None:
         self.pin, self.gradient, self.rate = model, effect.gradient, effect.rate
         self.down, self.ahead = effect.vertical(0.0), effect.vertical(0.5 * np.pi / effect.rate)
-        self.bodies: Bodies | None = None
+        self.bodies: TidalBodies | None = None
         super().__init__((), (), self.gradient, self.rate, self.down, self.ahead)
 
     @property
@@ -142,13 +142,13 @@ class _Tide(ForceLaw):
         if t < self.start:
             return
         if self.bodies is None:  # joints may have been added since
-            self.bodies = Bodies(self.pin)
+            self.bodies = TidalBodies(self.pin)
         vertical = np.cos(self.rate * t) * self.down + np.sin(self.rate * t) * self.ahead
         field = self.gradient * (3.0 * np.outer(vertical, vertical) - np.eye(3))
         tau += self.bodies.tide(q[None], field[None])[0, 0]
 
 
-class Bodies:
+class TidalBodies:
     """Masses, centres and inertias of a model's bodies, and what a tide does to them."""
 
     def __init__(self, model: pin.Model) -> None:

@@ -10,7 +10,7 @@ from smsid.description.schema import Description
 from smsid.errors import SmsidError
 from smsid.estimation.contradictions import (
     Contradiction,
-    Part,
+    RecordingInformation,
     contradictions_of,
     contradictions_of_separate,
 )
@@ -79,7 +79,7 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
         return ()
     _, jacobian = refinement.prior.residual(found.point.parameters)
     both = zip(found.pieces, found.normal.of_pieces(), strict=True)
-    parts = [Part(piece.name, 0.5 * (gram + gram.T), slope) for piece, (gram, slope) in both]
+    parts = [RecordingInformation(piece.name, 0.5 * (gram + gram.T), slope) for piece, (gram, slope) in both]
     rows, _ = seen_in(found.pieces, found.seen, refinement.described)
     return contradictions_of(parts, jacobian.T @ jacobian, rows)
 

@@ -27,7 +27,7 @@ GEOMETRY = slice(c.ROTATION, c.MASS)  # columns of bodies that inverse dynamics 
 
 
 @dataclass(frozen=True)
-class Change:
+class ParameterDifference:
     """Two spacecraft that differ in one parameter, number ``index``: the derivative is ``factor`` times what
     the second has beyond the first.
     """
@@ -104,7 +104,7 @@ def inertial_tables(
     return Tables(tuple(bodies), tuple(roots), tuple((int(i), 1.0) for i in indices))
 
 
-def effect_tables(changes: Sequence[Change]) -> Tables | None:
+def effect_tables(changes: Sequence[ParameterDifference]) -> Tables | None:
     """Return the tables of parameters by differences, ``None`` where they go the plain way."""
     bodies, roots, terms, senses, read_terms = [], [], [], [], []
     for change in changes:

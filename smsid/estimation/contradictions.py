@@ -61,7 +61,7 @@ class Contradiction:
 
 
 @dataclass(frozen=True)
-class Part:
+class RecordingInformation:
     """What one recording says of shared parameters: Gram matrix (m, m), slope (m,) at the joint optimum."""
 
     label: str
@@ -77,12 +77,15 @@ def contradictions(
     ``rows`` are what a contradiction is put in terms of; standard deviations are ``widening`` times as large.
     """
     prior = np.diag((found.scales / np.array([u.sigma for u in found.unknowns])) ** 2)
-    parts = [Part(t.label, t.gram, t.slope) for t in found.recordings]
+    parts = [RecordingInformation(t.label, t.gram, t.slope) for t in found.recordings]
     return contradictions_of(parts, prior, rows, widening)
 
 
 def contradictions_of(
-    parts: Sequence[Part], prior: np.ndarray, rows: Sequence[Combination], widening: float = 1.0
+    parts: Sequence[RecordingInformation],
+    prior: np.ndarray,
+    rows: Sequence[Combination],
+    widening: float = 1.0,
 ) -> tuple[Contradiction, ...]:
     """Return which parts contradict the others, the worst first; ``prior`` (m, m): known beforehand.
 
@@ -132,7 +135,7 @@ def contradictions_of_separate(
     """
     grams = [x + prior for x in information]
     slopes = [g @ x for g, x in zip(grams, moved, strict=True)]
-    parts = [Part(*x) for x in zip(labels, information, slopes, strict=True)]
+    parts = [RecordingInformation(*x) for x in zip(labels, information, slopes, strict=True)]
     told = []
     for row in rows:
         widest = max(float(row.gradient @ np.linalg.solve(g, row.gradient)) for g in grams)

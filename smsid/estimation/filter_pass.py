@@ -167,7 +167,7 @@ def predict_delayed(
     return full
 
 
-class Parameters(Protocol):
+class FilterParameters(Protocol):
     """Parameters (m,) that are states of the filter, in units of ``scales``; its model is at ``values``.
 
     ``rates`` (m,) are variances by which they wander in a second, over the scales squared; ``trends`` are as
@@ -193,7 +193,7 @@ class Parameters(Protocol):
 
 def filter_samples(
     base: Instance,
-    parameters: Parameters | None,
+    parameters: FilterParameters | None,
     compiled: Model | None,
     drive: Drive,
     state: State,
@@ -255,7 +255,7 @@ def lost_at(time: float) -> SimulationError:
 @np.errstate(over="ignore", invalid="ignore")  # a filter that is lost is told by its values
 def run_plain(
     base: Instance,
-    parameters: Parameters | None,
+    parameters: FilterParameters | None,
     drive: Drive,
     state: State,
     samples: Samples,
@@ -393,7 +393,7 @@ def walk_covariance(moved: np.ndarray, grown: np.ndarray) -> np.ndarray:
     return np.block([[(moved * mean) @ moved.T, across], [across.T, np.diag(end)]])
 
 
-def shift(pin_model: pin.Model, parameters: Parameters | None, state: State, step: np.ndarray) -> None:
+def shift(pin_model: pin.Model, parameters: FilterParameters | None, state: State, step: np.ndarray) -> None:
     """Add a step (x,) to what is believed, in place."""
     nv, first = len(state.v), 2 * len(state.v) + len(state.unknown)
     state.q[:] = pin.integrate(pin_model, state.q, step[:nv])
@@ -404,7 +404,11 @@ def shift(pin_model: pin.Model, parameters: Parameters | None, state: State, ste
 
 
 def reference(
-    plant: ProcessModel, parameters: Parameters | None, state: State, acts: np.ndarray, sloped: np.ndarray
+    plant: ProcessModel,
+    parameters: FilterParameters | None,
+    state: State,
+    acts: np.ndarray,
+    sloped: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return how far what is believed is from where it is linear (x,), and there q, v, unknown forces (nv,)
     and by how much these climb in a second; ``acts`` (k,) and ``sloped`` (j,) are as in `UnknownForces`.

@@ -19,7 +19,7 @@ from smsid.estimation.input_timing import timing_of
 from smsid.estimation.kalman import applied_forces, driving_forces
 from smsid.estimation.measurements import ChannelSlice, Measurements
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.problem import Part, Problem, recordings_of, samples_of_each
+from smsid.estimation.problem import Problem, RecordingPart, recordings_of, samples_of_each
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity
 from smsid.model.spacecraft import SpacecraftModel
@@ -65,7 +65,7 @@ def joint_problem(problems: Sequence[Problem], placed: Sequence[PlacedRecording]
     data = joined_data([p.data for p in problems])
     ends = np.cumsum([0, *(len(p.data.times) for p in problems)])
     parts = tuple(
-        Part(x.label, p.recording, p.locked, p.timing, int(first), x.shift)
+        RecordingPart(x.label, p.recording, p.locked, p.timing, int(first), x.shift)
         for x, p, first in zip(placed, problems, ends, strict=False)
     )
     held = set.intersection(*(set(p.locked.tolist()) for p in problems))

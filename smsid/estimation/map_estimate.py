@@ -39,7 +39,7 @@ COLUMNS_AT_ONCE = 64  # columns that are projected at once: as fast as all of th
 
 
 @dataclass(frozen=True)
-class Prior:
+class PriorRows:
     """Priors at a point: what they are off by in standard deviations, and the rows of its derivatives by the
     parameters, in units of their scales.
     """
@@ -115,7 +115,7 @@ class MapFit:
     slope: np.ndarray
     objective: float
     changes: Sensitivities
-    prior: Prior
+    prior: PriorRows
 
     @cached_property
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -320,14 +320,14 @@ def objective(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: 
     return -run.log_likelihood + 0.5 * float(off @ off)
 
 
-def prior_of(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> Prior:
+def prior_of(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> PriorRows:
     """Return the priors of single parameters and of what is known together at a point."""
     shift = np.array([point.value(u) - u.nominal for u in unknowns])
     scale = np.array([u.scale for u in unknowns])
     joint = problem.joint
     own = np.diag([0.0 if joint.single(u) else 1.0 / u.sigma for u in unknowns])
     rows = np.vstack([own, joint.rows(unknowns)])
-    return Prior(rows @ shift, rows * scale)
+    return PriorRows(rows @ shift, rows * scale)
 
 
 def _normal(point: Point, unknowns: Sequence[Unknown], problem: Problem, run: FilterRun, model) -> MapFit:

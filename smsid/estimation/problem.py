@@ -111,7 +111,7 @@ def unknown_sigmas(inputs: Sequence[UnknownInput]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Part:
+class RecordingPart:
     """One of the recordings of a problem of several: what of it is its own.
 
     ``first`` is its first sample, ``shift`` by what it is later than by its own clock [s]. At a point
@@ -150,7 +150,7 @@ class Problem:
     substep: float = SUBSTEP
     begin: Belief | None = None
     unknown_inputs: tuple[UnknownInput, ...] = ()
-    parts: tuple[Part, ...] = ()
+    parts: tuple[RecordingPart, ...] = ()
     bias_walks: tuple[BiasWalk, ...] = ()
     coloured: bool = False
     averaged: bool = False

@@ -22,7 +22,7 @@ DIFFERENCE_STEP = 1e-6  # step of the differences of nonlinear forces
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearDynamics:
     """Accelerations a (nv,) and their derivatives by q (tangent), v and generalised force (nv, nv)."""
 
     a: np.ndarray
@@ -93,7 +93,7 @@ class ProcessModel:
             theta = begun if more is None else begun + more
             self.pin.inertias[term.joint] = pin.Inertia.FromDynamicParameters(theta)
 
-    def linear(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Linear:
+    def linear(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> LinearDynamics:
         """Return accelerations at q (nq,), v (nv,) under tau (nv,), with their derivatives."""
         m = self.model
         if self._growing:
@@ -126,12 +126,12 @@ class ProcessModel:
             held = np.linalg.solve(rows @ inverse @ rows.T, rows @ inverse).T
             by_q, by_v = by_q - held @ (rows @ by_q), by_v - held @ (rows @ by_v)
             inverse = inverse - held @ (rows @ inverse)
-        return Linear(a, by_q, by_v, inverse)
+        return LinearDynamics(a, by_q, by_v, inverse)
 
-    def moving(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Linear:
+    def moving(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> LinearDynamics:
         """Return accelerations at q (nq,), v (nv,) under tau (nv,); their derivatives are left zero."""
         nothing = np.zeros((self.nv, self.nv))
-        return Linear(self.acceleration(t, q, v, tau), nothing, nothing, nothing)
+        return LinearDynamics(self.acceleration(t, q, v, tau), nothing, nothing, nothing)
 
     def _differences(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray
@@ -192,7 +192,7 @@ class ProcessModel:
         out[:6] = pin.Jlog6(pin.exp6(xi[:6])) @ v[:6]
         return out
 
-    def transition(self, h: float, v: np.ndarray, linear: Linear) -> tuple[np.ndarray, np.ndarray]:
+    def transition(self, h: float, v: np.ndarray, linear: LinearDynamics) -> tuple[np.ndarray, np.ndarray]:
         """Return F (2 nv, 2 nv) and Psi with delta(t + h) = F delta(t) + Psi forcing, forcing held.
 
         delta = (tangent of q, v); F = exp(A h) and Psi = int_0^h exp(A s) ds, to fourth order over a step

@@ -1,7 +1,7 @@
 """Experiments: what to fly so that the data identify the spacecraft."""
 
 from smsid.experiments.excitation import Excitation, fourier_experiment, momentum_condition, thrust_experiment
-from smsid.experiments.fly import Flight, LimitUse, fly, limit_use
+from smsid.experiments.fly import FlownExperiment, LimitUse, fly, limit_use
 from smsid.experiments.named import named_experiment
 from smsid.experiments.schema import (
     ConstantProfile,
@@ -16,7 +16,7 @@ __all__ = [
     "ConstantProfile",
     "Excitation",
     "Experiment",
-    "Flight",
+    "FlownExperiment",
     "FourierProfile",
     "LimitUse",
     "StepProfile",

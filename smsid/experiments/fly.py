@@ -45,7 +45,7 @@ class LimitUse:
 
 @short_repr
 @dataclass(frozen=True)
-class Flight:
+class FlownExperiment:
     """A flown experiment."""
 
     trajectory: Trajectory
@@ -66,7 +66,7 @@ def fly(
     role: str = "estimation",
     tolerance: Tolerance | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Flight:
+) -> FlownExperiment:
     """Simulate an experiment and record it with the description's sensors.
 
     Raises `ExperimentError` when the experiment does not fit the spacecraft, asks for what is not possible or
@@ -88,7 +88,7 @@ def record_motion(
     role: str = "estimation",
     hold_attitude: bool = False,
     provenance: Mapping[str, Any] | None = None,
-) -> Flight:
+) -> FlownExperiment:
     """Return what the description's sensors record of an experiment's motion, and which limits it meets.
 
     ``hold_attitude`` says that something held the bus; ``provenance`` is remembered beside the experiment.
@@ -128,7 +128,7 @@ def record_motion(
     for use in _strokes(model, states):
         if use.limit is not None:
             check_stroke(use.quantity, use.value, use.limit)
-    return Flight(trajectory, recording, limit_use(model, states, hold_attitude))
+    return FlownExperiment(trajectory, recording, limit_use(model, states, hold_attitude))
 
 
 def clock_lead(model: SpacecraftModel) -> float:

@@ -16,7 +16,7 @@ from smsid.likelihood.combinations import Combination
 from smsid.likelihood.knots import resolved_information
 from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import piece_of
 from smsid.likelihood.refine import gradient_matrix, prior_shares, seen_in
@@ -92,7 +92,7 @@ def fisher_information(
     recordings = [x if isinstance(x, Recording) else _simulate_perfectly(description, x) for x in several]
     pairs = [piece_of(model, r, nuisance or Nuisance(), described_noise=True) for r in recordings]
     at = Parameters.of(model)
-    point = Point(at, tuple(local for _, local in pairs))
+    point = SearchPoint(at, tuple(local for _, local in pairs))
     pieces = []
     for piece, local in pairs:
         # the whitening by what measured wheels add, as the refinement has it

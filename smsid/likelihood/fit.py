@@ -18,7 +18,7 @@ from smsid.errors import NotIdentifiableError, SimulationError
 from smsid.identify.estimate import Iteration
 from smsid.likelihood.normal import Normal, normal_at
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point, step_point
+from smsid.likelihood.point import Evaluation, SearchPoint, step_point
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
 
@@ -64,7 +64,7 @@ class Fit:
     visits: tuple[Iterate, ...]
 
     @property
-    def point(self) -> Point:
+    def point(self) -> SearchPoint:
         """Where it is."""
         return self.seen.point
 
@@ -73,7 +73,7 @@ class Fit:
 class Minimum:
     """Where a search at given noise levels ended: point, normal equations, sum of squares, steps taken."""
 
-    point: Point
+    point: SearchPoint
     normal: Normal
     cost: float
     iterations: int
@@ -81,7 +81,7 @@ class Minimum:
 
 def fit(
     pieces: Sequence[RecordingTerm],
-    start: Point,
+    start: SearchPoint,
     prior: Prior,
     patience: int = ITERATIONS,
     *,
@@ -159,7 +159,7 @@ def _by_steps_at(now: Parameters, before: Parameters, found: Normal) -> Normal:
 
 
 def minimise(
-    pieces: Sequence[RecordingTerm], start: Point, prior: Prior, fixed: np.ndarray | None
+    pieces: Sequence[RecordingTerm], start: SearchPoint, prior: Prior, fixed: np.ndarray | None
 ) -> Minimum:
     """Return the minimum of the sum of squares at given noise levels.
 

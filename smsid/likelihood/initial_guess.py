@@ -12,7 +12,7 @@ from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import BRIDGED, Identification
 from smsid.likelihood.fit import NEARBY
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prior import CAD, Prior
 from smsid.likelihood.pseudo_inertia import SIZE
 from smsid.likelihood.recording_term import RecordingTerm
@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 TRUST = 0.01  # the linear method's results are trusted no further than this, relative to the body's size
 
 
-def best_start(pieces: Sequence[RecordingTerm], points: Sequence[Point], prior: Prior) -> Evaluation:
+def best_start(pieces: Sequence[RecordingTerm], points: Sequence[SearchPoint], prior: Prior) -> Evaluation:
     """Return what is seen at the point whose prediction is nearest to the data.
 
     A biased sensor can spoil the linear method.

@@ -5,7 +5,7 @@ the predicted base velocity by A e, ``A = -M_ff^-1 M_fp`` (momentum is conserved
 its own noise plus A e. The fitted motion lets errors through only in the band of the motion, but in that band
 they are as white as the gyro's noise; what counts for the parameters is the density there. Each channel is
 therefore whitened with its own covariance plus A S A^T, S the equivalent covariance per sample of the fitted
-rates (`MeasuredMotion`); velocity, attitude and position get the same treatment.
+rates (`FittedMotion`); velocity, attitude and position get the same treatment.
 
 For wheels that is all: a wheel's error moves the bus by 1e-4 of itself. Errors of the joints also shake
 the panels near their resonance, where the response is a hundred times A e and not white; so the final passes
@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from smsid.identify.momentum_rows import skew
 from smsid.likelihood.channels import Channel
-from smsid.likelihood.inputs import Drive
+from smsid.likelihood.inputs import DrivenMotion
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.simulate.truth import rotation_matrices
@@ -31,7 +31,7 @@ LOOKS = 60  # configurations averaged over
 def with_input_noise(
     channels: tuple[Channel, ...],
     parameters: Parameters,
-    drive: Drive,
+    drive: DrivenMotion,
     prediction: Prediction,
     joints_follow: bool,
 ) -> tuple[Channel, ...]:

@@ -15,7 +15,7 @@ from smsid.identify.commanded import actual_thrust, excited_axes
 from smsid.identify.robust import white_sigma
 from smsid.identify.sensor_roles import Roles
 from smsid.identify.stationary_joints import StationaryJoints, resting_value
-from smsid.likelihood.spline import DerivativeSamples, MeasuredMotion, fit_motion
+from smsid.likelihood.spline import DerivativeSamples, FittedMotion, fit_motion
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
 from smsid.sensing import Sensor
@@ -26,7 +26,7 @@ SHORTEST = 0.1  # [s] between knots of a measured motion
 
 
 @dataclass(frozen=True)
-class Thrust:
+class ThrustHistory:
     """Force [N] and torque [N m] on the bus (N, 6) in body axes, sampled at ``times`` (N,) [s].
 
     ``steps``: the value holds until the next sample; otherwise a cubic spline goes through the samples.
@@ -52,7 +52,7 @@ class Thrust:
 
 
 @dataclass(frozen=True)
-class Drive:
+class DrivenMotion:
     """Which velocities of the model are free, and what the others do.
 
     ``free`` indexes v. ``held``: the attitude is held and joints and wheels stand still at ``home`` (nq,).
@@ -61,9 +61,9 @@ class Drive:
     free: np.ndarray
     home: np.ndarray
     held: bool
-    thrust: Thrust | None
-    joints: MeasuredMotion | None
-    wheels: MeasuredMotion | None
+    thrust: ThrustHistory | None
+    joints: FittedMotion | None
+    wheels: FittedMotion | None
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -89,7 +89,7 @@ class Drive:
 
 def measured_drive(
     model: SpacecraftModel, recording: Recording, start: float, stop: float, *, described_noise: bool = False
-) -> Drive:
+) -> DrivenMotion:
     """Return what drives a recording: Exp. 1 (thrust, attitude held) or Exp. 2 (free floating).
 
     Motion is fitted with the noise its samples show, or with ``described_noise`` that of the description.
@@ -107,7 +107,7 @@ def measured_drive(
         home = set_group_angles(model.pin, model.arm_joints, home, angles)
     thrust = _thrust(model, recording, held)
     if held:
-        return Drive(free, home, True, thrust, None, None)
+        return DrivenMotion(free, home, True, thrust, None, None)
     joints, wheels = None, None
     still, moving = StationaryJoints.of(model, recording), Roles.of(model, recording, joints=True)
     rate = _rate(recording, roles.imu)
@@ -124,7 +124,7 @@ def measured_drive(
         sample = _quieten(sample, "wheel_rate", still.wheels)
         wheels = fit_motion([sample], start, stop, rate, SHORTEST, moving.tachometer.name)
         _check_covered(sample, start, stop, wheels.spacing)
-    return Drive(free, home, False, thrust, joints, wheels)
+    return DrivenMotion(free, home, False, thrust, joints, wheels)
 
 
 def _check_covered(sample: DerivativeSamples, start: float, stop: float, longest: float) -> None:
@@ -172,12 +172,12 @@ def _quieten(samples: DerivativeSamples, quantity: str, still: Sequence[int]) ->
     return replace(samples, values=values, sigma=sigma)
 
 
-def _thrust(model: SpacecraftModel, recording: Recording, held: bool) -> Thrust | None:
+def _thrust(model: SpacecraftModel, recording: Recording, held: bool) -> ThrustHistory | None:
     """Force as it acts; torque too, unless it is that which holds the attitude."""
     if "command.force" not in recording:
         return None
     found = actual_thrust(model, recording, torque=not held)
-    return Thrust(found.times, found.values, found.steps) if found.values.any() else None
+    return ThrustHistory(found.times, found.values, found.steps) if found.values.any() else None
 
 
 def _check_free(model: SpacecraftModel, free: np.ndarray, start: float, stop: float) -> None:

@@ -20,7 +20,7 @@ from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.recording_term import RecordingTerm
-from smsid.likelihood.sensitivity import Part, Sensitivity, Variation, variation
+from smsid.likelihood.sensitivity import NodeSensitivity, TransitionPart, VariationalEquations, variation
 from smsid.likelihood.spline import WINDOW
 from smsid.likelihood.time_grid import POINTS
 
@@ -152,7 +152,7 @@ class _Outputs:
 
     piece: RecordingTerm
     local: NuisanceValues
-    moves: Variation
+    moves: VariationalEquations
     kinematics: Kinematics
     order: np.ndarray
     clocks: list[NuisanceIndex]
@@ -223,7 +223,7 @@ class _Rows:
     direct: np.ndarray
 
     @classmethod
-    def of(cls, outputs: _Outputs, part: Part, channels: Sequence[Channel]) -> _Rows:
+    def of(cls, outputs: _Outputs, part: TransitionPart, channels: Sequence[Channel]) -> _Rows:
         local, slots = outputs.local, direct(outputs.piece)
         kinematics = outputs.kinematics.at(part.nodes)
         basis = _basis(outputs.moves, kinematics)
@@ -258,7 +258,7 @@ class _Rows:
             )
         return cls(*(np.concatenate(x, axis=1) for x in zip(*found, strict=True)))
 
-    def at(self, nodes: slice, x: np.ndarray, part: Part) -> np.ndarray:
+    def at(self, nodes: slice, x: np.ndarray, part: TransitionPart) -> np.ndarray:
         """Return the rows (nodes, k, z) of some nodes, from x (nodes, n, z) there."""
         n, k, width = x.shape[1], self.moving.shape[2], self.motion.shape[2]
         own = slice(nodes.start - part.nodes.start, nodes.stop - part.nodes.start)
@@ -279,7 +279,7 @@ def _residuals_at_nodes(channels: Sequence[Channel], residuals: Sequence[np.ndar
     return np.concatenate(parts, axis=1)
 
 
-def _basis(moves: Variation, kinematics: Kinematics) -> Sensitivity:
+def _basis(moves: VariationalEquations, kinematics: Kinematics) -> NodeSensitivity:
     """Unit derivatives of state and free accelerations: columns (n + free)."""
     nodes, nv = kinematics.v.shape
     n, free, rest = moves.rows, moves.drive.free, moves.prediction.rest_v
@@ -289,4 +289,4 @@ def _basis(moves: Variation, kinematics: Kinematics) -> Sensitivity:
     q[rest, POSE + np.arange(len(rest))] = 1.0
     v[free, POSE + len(rest) + np.arange(len(free))] = 1.0
     a[free, n + np.arange(len(free))] = 1.0
-    return Sensitivity(*(np.broadcast_to(x, (nodes, *x.shape)) for x in (pose, q, v, a)))
+    return NodeSensitivity(*(np.broadcast_to(x, (nodes, *x.shape)) for x in (pose, q, v, a)))

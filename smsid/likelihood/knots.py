@@ -25,7 +25,7 @@ from scipy.linalg import eigvalsh
 from smsid.likelihood.fit import Fit, fit
 from smsid.likelihood.normal import Normal, normal_at
 from smsid.likelihood.nuisance_parameters import NuisanceValues
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prediction import symmetric
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
@@ -74,7 +74,7 @@ def resolve_motion(found: Fit, prior: Prior, gradients: Gradients, changed: bool
         if all(new is old for new, old in zip(pieces, found.pieces, strict=True)):
             limited = any(_has_gaps(p) and not resolves_ringing(p, model) for p in found.pieces)
             return found, not (changed or limited)
-        seen = Evaluation.at(pieces, Point(found.point.parameters, locals_), found.seen)
+        seen = Evaluation.at(pieces, SearchPoint(found.point.parameters, locals_), found.seen)
         finer = normal_at(pieces, seen, prior)
         change = resolution(found.normal, finer, gradients(found.seen, found.pieces))
         logger.info("finer joint motion: sigma x %.3g, shift %.2g sigma", change.growth, change.shift)
@@ -86,7 +86,7 @@ def resolve_motion(found: Fit, prior: Prior, gradients: Gradients, changed: bool
 
 
 def resolved_information(
-    pieces: Sequence[RecordingTerm], point: Point, prior: Prior, rows: np.ndarray
+    pieces: Sequence[RecordingTerm], point: SearchPoint, prior: Prior, rows: np.ndarray
 ) -> Normal:
     """Return the information at a point, the joints' motion on knots enough for ``rows`` (k, size).
 
@@ -97,7 +97,7 @@ def resolved_information(
         more, locals_ = refined_motion(pieces, point)
         if all(new is old for new, old in zip(more, pieces, strict=True)):
             return found
-        point = Point(point.parameters, locals_)
+        point = SearchPoint(point.parameters, locals_)
         after = normal_at(more, Evaluation.at(more, point), prior, with_data=False)
         enough = resolution(found, after, rows).is_enough
         pieces, found = more, after
@@ -113,7 +113,7 @@ def resolution(before: Normal, after: Normal, rows: np.ndarray) -> Resolution:
 
 
 def refined_motion(
-    pieces: Sequence[RecordingTerm], point: Point, most: Sequence[float] | None = None
+    pieces: Sequence[RecordingTerm], point: SearchPoint, most: Sequence[float] | None = None
 ) -> tuple[tuple[RecordingTerm, ...], tuple[NuisanceValues, ...]]:
     """Return the recordings and their local values with more knots for the same motion.
 

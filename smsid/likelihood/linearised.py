@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.identify.momentum_rows import skew
-from smsid.likelihood.inputs import Drive
+from smsid.likelihood.inputs import DrivenMotion
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, symmetric
 
@@ -23,7 +23,7 @@ POSE = 6
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearisedNodes:
     """Accelerations of the free velocities at the nodes, by x = (pose 6, rest, free velocities) and P.
 
     P counts those of the parameters that move anything, with thrust three gains, and clocks. ``by_state``
@@ -38,13 +38,13 @@ class Linear:
 
 def linearise(
     parameters: Parameters,
-    drive: Drive,
+    drive: DrivenMotion,
     prediction: Prediction,
     thrust: np.ndarray | None,
     clocks: np.ndarray | None,
     follow: np.ndarray,
     moving: np.ndarray,
-) -> Linear:
+) -> LinearisedNodes:
     """Return the linearisation.
 
     ``thrust`` (nodes, nv, 3) per unit gain, ``clocks`` (nodes, nv, 3, c): what they do to prescribed angle,
@@ -99,7 +99,7 @@ def linearise(
         by_state[chosen, :, POSE:] = solved[:, :, :state]
         by_parameter[chosen] = solved[:, :, state : state + p]
         by_motion[chosen] = solved[:, :, state + p :].reshape(len(dq), n_free, 3, joints)
-    return Linear(by_state, by_parameter, by_motion)
+    return LinearisedNodes(by_state, by_parameter, by_motion)
 
 
 def start_velocities(

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from smsid.likelihood.channels import Channel
-from smsid.likelihood.inputs import Drive
+from smsid.likelihood.inputs import DrivenMotion
 
 START = {"position": 100.0, "attitude": 1.0}  # priors of the initial pose [m, rad]
 BIAS = {"acceleration": 0.1, "angular_rate": 0.01}  # priors of biases [m/s^2, rad/s]
@@ -103,7 +103,9 @@ def clock_slots(sensor: str, start: int) -> tuple[NuisanceIndex, NuisanceIndex]:
     )
 
 
-def initial(slots: Sequence[NuisanceIndex], drive: Drive, channels: Sequence[Channel]) -> NuisanceValues:
+def initial(
+    slots: Sequence[NuisanceIndex], drive: DrivenMotion, channels: Sequence[Channel]
+) -> NuisanceValues:
     """Return where the search starts: pose from the mean of the first samples, all else zero."""
     attitude, position = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     for c in channels:

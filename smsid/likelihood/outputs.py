@@ -1,7 +1,7 @@
 """What the sensors read along a predicted motion, at the nodes of its grid, with derivatives.
 
 Frames and units as in docs/design.md, section 3. Derivatives are by P = (parameters, initial position 3 and
-attitude 3, thrust gains 3), as in `Sensitivity`.
+attitude 3, thrust gains 3), as in `NodeSensitivity`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from smsid.errors import DescriptionError
 from smsid.identify.momentum_rows import skew
 from smsid.likelihood.prediction import Prediction
-from smsid.likelihood.sensitivity import Sensitivity
+from smsid.likelihood.sensitivity import NodeSensitivity
 from smsid.likelihood.time_grid import Timeline
 from smsid.model.spacecraft import JointGroup, SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
@@ -80,7 +80,7 @@ class Kinematics:
         ]
         return np.concatenate(parts)
 
-    def jacobian(self, sensor: Sensor, quantity: str, by: Sensitivity) -> np.ndarray:
+    def jacobian(self, sensor: Sensor, quantity: str, by: NodeSensitivity) -> np.ndarray:
         """Return the derivative (nodes, k, P); an attitude's is that of a rotation vector, bus frame."""
         r = np.asarray(sensor.position, dtype=float)
         rho, phi = by.pose[:, :3], by.pose[:, 3:]
@@ -114,7 +114,7 @@ class Kinematics:
         v, w, a, alpha = self.v[:, :3], self.v[:, 3:6], self.a[:, :3], self.a[:, 3:6]
         return a + np.cross(w, v) + np.cross(alpha, r) + np.cross(w, np.cross(w, r))
 
-    def _force_jacobian(self, r: np.ndarray, dr: np.ndarray | None, by: Sensitivity) -> np.ndarray:
+    def _force_jacobian(self, r: np.ndarray, dr: np.ndarray | None, by: NodeSensitivity) -> np.ndarray:
         v, w = skew(self.v[:, :3]), skew(self.v[:, 3:6])
         arm, alpha = skew(r), skew(self.a[:, 3:6])
         swing = skew(np.cross(self.v[:, 3:6], r))

@@ -15,7 +15,7 @@ from smsid.likelihood.recording_term import RecordingTerm
 
 
 @dataclass(frozen=True)
-class Point:
+class SearchPoint:
     """A point of the search: common parameters, and local ones by piece."""
 
     parameters: Parameters
@@ -26,12 +26,14 @@ class Point:
 class Evaluation:
     """A point with what is predicted there: predictions and residuals by piece."""
 
-    point: Point
+    point: SearchPoint
     predictions: tuple[Prediction, ...]
     residuals: tuple[list[np.ndarray], ...]
 
     @classmethod
-    def at(cls, pieces: Sequence[RecordingTerm], point: Point, known: Evaluation | None = None) -> Evaluation:
+    def at(
+        cls, pieces: Sequence[RecordingTerm], point: SearchPoint, known: Evaluation | None = None
+    ) -> Evaluation:
         """Predict what is not ``known`` from the same parameters, the same channels.
 
         Raises `SimulationError` when the motion is not finite.
@@ -66,7 +68,7 @@ class Evaluation:
         locals_ = tuple(p.in_true_time(x) if p.follows > old.follows else x for p, old, x in pairs)
         if all(a is b for a, b in zip(locals_, self.point.locals, strict=True)):
             return new, self
-        return new, Evaluation.at(new, Point(self.point.parameters, locals_), self)
+        return new, Evaluation.at(new, SearchPoint(self.point.parameters, locals_), self)
 
     def reweighed(self, pieces: Sequence[RecordingTerm]) -> tuple[RecordingTerm, ...]:
         """Return the pieces with the noise their residuals show."""
@@ -75,8 +77,11 @@ class Evaluation:
 
 
 def step_point(
-    pieces: Sequence[RecordingTerm], point: Point, step: np.ndarray, motions: Sequence[np.ndarray | None]
-) -> Point:
+    pieces: Sequence[RecordingTerm],
+    point: SearchPoint,
+    step: np.ndarray,
+    motions: Sequence[np.ndarray | None],
+) -> SearchPoint:
     """Return the point a step (n,) away, and ``motions`` (m, joints) by piece of the joints."""
     size = point.parameters.size
     locals_, first = [], size
@@ -84,4 +89,4 @@ def step_point(
         local = local if motion is None else replace(local, motion=local.motion + motion)
         locals_.append(piece.moved(local, step[first : first + piece.size]))
         first += piece.size
-    return Point(point.parameters.moved(step[:size]), tuple(locals_))
+    return SearchPoint(point.parameters.moved(step[:size]), tuple(locals_))

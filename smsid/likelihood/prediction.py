@@ -21,7 +21,7 @@ from smsid.kernel.arrays import tree_of
 from smsid.kernel.columns import DAMPING, STIFFNESS
 from smsid.kernel.hybrid import hybrid_motion
 from smsid.kernel.jit import available
-from smsid.likelihood.inputs import Drive
+from smsid.likelihood.inputs import DrivenMotion
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.time_grid import STAGES, A, B, Timeline, stage_values, transitions
 from smsid.simulate.truth import rotation_matrices
@@ -65,7 +65,11 @@ def rest_joints(model: pin.Model, free: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def predict(
-    parameters: Parameters, drive: Drive, timeline: Timeline, position: np.ndarray, quaternion: np.ndarray
+    parameters: Parameters,
+    drive: DrivenMotion,
+    timeline: Timeline,
+    position: np.ndarray,
+    quaternion: np.ndarray,
 ) -> Prediction:
     """Predict the motion from rest (held) or from zero momentum (free floating).
 
@@ -165,7 +169,7 @@ def symmetric(upper: np.ndarray) -> np.ndarray:
     return np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2)
 
 
-def applied_forces(parameters: Parameters, drive: Drive, timeline: Timeline) -> np.ndarray:
+def applied_forces(parameters: Parameters, drive: DrivenMotion, timeline: Timeline) -> np.ndarray:
     """Return generalised forces (E, nv) of thrust at every evaluation."""
     model = parameters.layout.model
     out = np.zeros((len(timeline.evaluations), model.nv))

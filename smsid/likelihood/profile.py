@@ -12,7 +12,7 @@ from smsid._statistics import NORMAL95
 from smsid.errors import NotIdentifiableError, SimulationError
 from smsid.likelihood.fit import Fit, minimise
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point, step_point
+from smsid.likelihood.point import Evaluation, SearchPoint, step_point
 from smsid.likelihood.prior import Prior
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def profile_of(
     centre = best.point.parameters[name]
     rise = float(chdtri(1, 1.0 - level))
 
-    def excess(value: float, near: Point) -> tuple[float, Point]:
+    def excess(value: float, near: SearchPoint) -> tuple[float, SearchPoint]:
         held = _at(near, name, value)
         found = minimise(fit.pieces, held, prior, np.array([index]))
         return found.cost - best.cost - rise, found.point
@@ -112,7 +112,7 @@ def not_gaussian(fit: Fit, prior: Prior, name: str, covariance: np.ndarray) -> b
     return False
 
 
-def _end(excess, near: Point, centre: float, sigma: float, rise: float, bound: float) -> float:
+def _end(excess, near: SearchPoint, centre: float, sigma: float, rise: float, bound: float) -> float:
     """Where the excess crosses zero on one side, by the secant method on its square root."""
     known = [(centre, 0.0)]
     value = centre + sigma * np.sqrt(rise)
@@ -134,6 +134,6 @@ def _end(excess, near: Point, centre: float, sigma: float, rise: float, bound: f
     )
 
 
-def _at(point: Point, name: str, value: float) -> Point:
+def _at(point: SearchPoint, name: str, value: float) -> SearchPoint:
     parameters: Parameters = point.parameters.with_scalars({name: value})
-    return Point(parameters, point.locals)
+    return SearchPoint(parameters, point.locals)

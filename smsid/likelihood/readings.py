@@ -16,7 +16,7 @@ from scipy.linalg import solveh_banded
 from smsid.likelihood.spline import (
     DEGREE,
     DerivativeSamples,
-    MeasuredMotion,
+    FittedMotion,
     along,
     bands,
     basis_sums,
@@ -39,7 +39,7 @@ class Agreement:
     clock_gradient: np.ndarray
 
 
-def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> Agreement:
+def agreement(motion: FittedMotion, coefficients: np.ndarray, clock: np.ndarray) -> Agreement:
     """Return how a motion of ``coefficients`` (m, k) agrees with the samples of ``motion``.
 
     ``clock`` (2,): offset [s] and drift [1] of the encoders' clock.
@@ -72,7 +72,7 @@ def agreement(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarra
     return Agreement(own, by_clock, of_clock, gradient, clock_gradient)
 
 
-def agreement_cost(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
+def agreement_cost(motion: FittedMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
     """Return the sum of squares of the whitened residuals above that of ``motion`` itself.
 
     Of ``coefficients`` (m, k), if the encoders' clock shows ``clock`` (2,) too much.
@@ -80,7 +80,7 @@ def agreement_cost(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.n
     return _squares(motion, coefficients, clock) - _squares(motion, motion.coefficients, np.zeros(2))
 
 
-def refit_coefficients(motion: MeasuredMotion, clock: np.ndarray) -> np.ndarray:
+def refit_coefficients(motion: FittedMotion, clock: np.ndarray) -> np.ndarray:
     """Return the coefficients (m, k) that agree best with the samples if their clock shows ``clock`` (2,)."""
     found = agreement(motion, motion.coefficients, clock)
     pairs = zip(found.bands, found.gradient.T, strict=True)
@@ -92,13 +92,13 @@ def _true_times(s: DerivativeSamples, clock: np.ndarray, start: float) -> np.nda
 
 
 def _motion_derivative(
-    motion: MeasuredMotion, coefficients: np.ndarray, times: np.ndarray, derivative: int
+    motion: FittedMotion, coefficients: np.ndarray, times: np.ndarray, derivative: int
 ) -> np.ndarray:
     """A derivative (N, k) of the motion of other coefficients at times (N,), as `design` has it."""
     return along(motion.with_coefficients(coefficients).spline, times, derivative)
 
 
-def _squares(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
+def _squares(motion: FittedMotion, coefficients: np.ndarray, clock: np.ndarray) -> float:
     total, start = 0.0, float(motion.spline.t[0])
     for s in motion.samples:
         left = s.values - _motion_derivative(motion, coefficients, _true_times(s, clock, start), s.derivative)
@@ -107,6 +107,6 @@ def _squares(motion: MeasuredMotion, coefficients: np.ndarray, clock: np.ndarray
     return total + float(np.sum(coefficients * (smooth @ coefficients) * _largest(motion)))
 
 
-def _largest(motion: MeasuredMotion) -> np.ndarray:
+def _largest(motion: FittedMotion) -> np.ndarray:
     """The largest information of any coefficient, by joint (k,): what smoothness is relative to."""
     return motion.information[:, 0].max(axis=1)

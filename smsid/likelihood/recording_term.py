@@ -20,7 +20,7 @@ from smsid.likelihood.channels import (
     usable_channels,
 )
 from smsid.likelihood.input_noise import with_input_noise
-from smsid.likelihood.inputs import Drive, measured_drive
+from smsid.likelihood.inputs import DrivenMotion, measured_drive
 from smsid.likelihood.nuisance_parameters import (
     CLOCK_KINDS,
     Nuisance,
@@ -37,7 +37,7 @@ from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, applied_forces, predict
 from smsid.likelihood.readings import Agreement, agreement, agreement_cost, refit_coefficients
-from smsid.likelihood.spline import MeasuredMotion
+from smsid.likelihood.spline import FittedMotion
 from smsid.likelihood.time_grid import Timeline
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
@@ -56,7 +56,7 @@ class RecordingTerm:
     """
 
     name: str
-    drive: Drive
+    drive: DrivenMotion
     timeline: Timeline
     channels: tuple[Channel, ...]
     slots: tuple[NuisanceIndex, ...]
@@ -92,7 +92,7 @@ class RecordingTerm:
             drive = replace(drive, thrust=replace(drive.thrust, values=drive.thrust.values * factor))
         return predict(parameters, drive, self.timeline, local.position, local.quaternion)
 
-    def driven(self, local: NuisanceValues) -> Drive:
+    def driven(self, local: NuisanceValues) -> DrivenMotion:
         """Return the drive with the joints' motion and the clocks of what is measured, as in ``local``.
 
         Joint motion that is estimated with everything else is in true time.
@@ -124,7 +124,7 @@ class RecordingTerm:
         """Return the piece with the measured joint motion estimated with everything else."""
         return self if self.drive.joints is None else replace(self, follows=True)
 
-    def with_joints(self, joints: MeasuredMotion) -> RecordingTerm:
+    def with_joints(self, joints: FittedMotion) -> RecordingTerm:
         """Return the piece with another spline of the joints' motion, and steps that end at its knots."""
         drive = replace(self.drive, joints=joints)
         timeline = _knots_on_grid(drive, self.timeline)
@@ -313,7 +313,7 @@ def longest_step(model: SpacecraftModel) -> float:
     return min(LONGEST, PHASE / max(1.2 * fastest, 1e-9))
 
 
-def _knots_on_grid(drive: Drive, timeline: Timeline) -> Timeline:
+def _knots_on_grid(drive: DrivenMotion, timeline: Timeline) -> Timeline:
     """Return the grid refined so that steps end at the knots of measured joint motion, where that jerks.
 
     Those of the coarse grid too.

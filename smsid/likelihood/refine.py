@@ -28,7 +28,7 @@ from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.null_space import UnseenDirection, unseen_directions
 from smsid.likelihood.null_space import notes as unseen_notes
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Cad, Prior
 from smsid.likelihood.recording_term import RecordingTerm, piece_of
@@ -129,13 +129,13 @@ def refine(
     most = [1.0] * len(pieces)
     if of_parts and isinstance(start, Refinement):  # as close as the part needed
         most = [1.0 / motion_ratio(whole, part) for whole, part in zip(pieces, start.fit.pieces, strict=True)]
-    fine, locals_ = refined_motion(pieces, Point(described, locals_), most)
+    fine, locals_ = refined_motion(pieces, SearchPoint(described, locals_), most)
     finer = any(a is not b for a, b in zip(fine, pieces, strict=True))
     pieces, prior = fine, Prior(described, cad)
     if isinstance(start, Refinement):
-        points = [Point(_restart_parameters(described, start), locals_)]
+        points = [SearchPoint(_restart_parameters(described, start), locals_)]
     else:
-        points = [Point(p, locals_) for p in candidates(described, start)]
+        points = [SearchPoint(p, locals_) for p in candidates(described, start)]
     first = best_start(pieces, points, prior)
     prepared = time.perf_counter()
     sought = search(pieces, first, prior)

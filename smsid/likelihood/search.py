@@ -14,7 +14,7 @@ from smsid.likelihood.normal import normal_at
 from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues, deviation, zero_clocks
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
@@ -27,7 +27,7 @@ GROSS, RECENT = 10.0, 10  # times the stated noise that is left, and iterations 
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchResult:
     """What a search found, the sensors whose ``clocks`` had to be sought too, and all points visited."""
 
     found: Fit
@@ -35,7 +35,7 @@ class Search:
     visits: tuple[Iterate, ...]
 
 
-def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> Search:
+def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> SearchResult:
     """Return the maximum of the likelihood near ``start``, with the clocks that do not agree with the rest.
 
     A clock is doubted at the maximum without it (`worst_clock`), or where a search is that does not come to
@@ -57,7 +57,7 @@ def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> 
             assert isinstance(where, Fit)
             more = right_clocks(where, names)
             if not more:
-                return Search(where, tuple(names), tuple(visits))
+                return SearchResult(where, tuple(names), tuple(visits))
             right |= more
             names = [n for n in names if n not in more]
         own = [p.with_clocks(names) for p in pieces]
@@ -66,12 +66,12 @@ def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> 
             replace(x, clock={**zero_clocks(p.slots), **{n: k[n] for n in names if n in k}})
             for p, x, k in zip(own, start.point.locals, known, strict=True)
         )
-        point, seen = Point(start.point.parameters, locals_), None
+        point, seen = SearchPoint(start.point.parameters, locals_), None
 
 
 def _looked_around(
     pieces: Sequence[RecordingTerm],
-    start: Point,
+    start: SearchPoint,
     prior: Prior,
     right: Collection[str],
     visits: list[Iterate],
@@ -123,7 +123,7 @@ def loudness(channel: Channel, square: float) -> float:
 
 def _search_maximum(
     pieces: Sequence[RecordingTerm],
-    start: Point,
+    start: SearchPoint,
     prior: Prior,
     visits: list[Iterate],
     patience: int,
@@ -147,10 +147,10 @@ def _search_maximum(
     )
 
 
-def _begun(pieces: Sequence[RecordingTerm], at: Point) -> Point:
+def _begun(pieces: Sequence[RecordingTerm], at: SearchPoint) -> SearchPoint:
     """A point to begin a search at: the joints' motion is not estimated yet."""
     pairs = zip(pieces, at.locals, strict=True)
-    return Point(at.parameters, tuple(p.as_measured(local) for p, local in pairs))
+    return SearchPoint(at.parameters, tuple(p.as_measured(local) for p, local in pairs))
 
 
 DOUBT = 5.0  # standard deviations of a score: one in two million for a good clock
@@ -206,7 +206,7 @@ def worst_clock(
         replace(x, clock={**zero_clocks(p.slots), **x.clock})
         for p, x in zip(asked, seen.point.locals, strict=True)
     ]
-    normal = normal_at(asked, replace(seen, point=Point(seen.point.parameters, tuple(locals_))), prior)
+    normal = normal_at(asked, replace(seen, point=SearchPoint(seen.point.parameters, tuple(locals_))), prior)
     places: dict[str, list[int]] = {name: [] for name in names}
     first = seen.point.parameters.size
     for piece in asked:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from smsid.likelihood.inputs import Drive
+from smsid.likelihood.inputs import DrivenMotion
 from smsid.likelihood.linearised import POSE, linearise, small_adjoint, start_velocities
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
@@ -26,7 +26,7 @@ from smsid.likelihood.time_grid import PLACES, POINTS, C, transitions
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class NodeSensitivity:
     """Derivatives at the nodes by P columns, as `Kinematics.jacobian` takes them.
 
     ``pose`` (nodes, 6, P): (rho, phi) in the bus frame; ``q`` (nodes, nv, P) of joints, ``v``, ``a`` (nodes,
@@ -40,7 +40,7 @@ class Sensitivity:
 
 
 @dataclass(frozen=True)
-class Part:
+class TransitionPart:
     """Transition maps of the derivatives of x = (pose 6, rest, free velocities), n rows, along some nodes.
 
     ``nodes`` are those; ``step`` (nodes,) numbers the maps of the steps that start there, -1 where none does.
@@ -87,7 +87,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Variation:
+class VariationalEquations:
     """The variational equations of a prediction, to be made part by part.
 
     Columns: the moving ones among parameters, thrust gains and running clocks (``moving`` (k,) of them,
@@ -96,7 +96,7 @@ class Variation:
     """
 
     parameters: Parameters
-    drive: Drive
+    drive: DrivenMotion
     prediction: Prediction
     thrust: np.ndarray | None
     clocks: np.ndarray | None
@@ -119,7 +119,7 @@ class Variation:
         """Number of coefficients of one joint's motion."""
         return int(self.first[-1]) + WINDOW if len(self.follow) else 0
 
-    def part(self, nodes: slice) -> Part:
+    def part(self, nodes: slice) -> TransitionPart:
         """Return the transition maps along some nodes."""
         timeline = self.prediction.timeline
         steps = slice(*np.searchsorted(timeline.step_node, (nodes.start, nodes.stop - 1)).tolist())
@@ -155,7 +155,7 @@ class Variation:
         times = timeline.evaluations[timeline.node_evaluation[nodes]]
         step = np.full(nodes.stop - nodes.start, -1)
         step[timeline.step_node[steps] - nodes.start] = np.arange(count)
-        return Part(
+        return TransitionPart(
             nodes,
             step,
             self.first[nodes],
@@ -221,13 +221,13 @@ class Variation:
 
 def variation(
     parameters: Parameters,
-    drive: Drive,
+    drive: DrivenMotion,
     prediction: Prediction,
     thrust: np.ndarray | None,
     clocks: np.ndarray | None,
     *,
     motion: bool,
-) -> Variation:
+) -> VariationalEquations:
     """Return the variational equations of a prediction.
 
     ``thrust`` (nodes, nv, 3): force per unit gain, by axis, when gains are sought. ``clocks`` (nodes, nv, 3,
@@ -249,4 +249,4 @@ def variation(
     found = linearise(parameters, drive, probe, None, None, follow, every[: parameters.size])
     moves = np.ones(size, dtype=bool)
     moves[: parameters.size] = found.by_parameter.any(axis=(0, 1))
-    return Variation(parameters, drive, prediction, thrust, clocks, follow, every[moves], first)
+    return VariationalEquations(parameters, drive, prediction, thrust, clocks, follow, every[moves], first)

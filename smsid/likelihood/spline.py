@@ -43,7 +43,7 @@ class DerivativeSamples:
 
 
 @dataclass(frozen=True)
-class MeasuredMotion:
+class FittedMotion:
     """A fitted motion of k coordinates.
 
     ``spline`` gives (N, k). ``angle_density`` and ``rate_density`` (k,) are the standard deviations that
@@ -75,11 +75,11 @@ class MeasuredMotion:
         """Coefficients of the basis (m, k)."""
         return self.spline.c
 
-    def with_coefficients(self, coefficients: np.ndarray) -> MeasuredMotion:
+    def with_coefficients(self, coefficients: np.ndarray) -> FittedMotion:
         """Return the motion with other coefficients (m, k)."""
         return replace(self, spline=BSpline(self.spline.t, coefficients, DEGREE))
 
-    def divided(self, factor: int) -> MeasuredMotion:
+    def divided(self, factor: int) -> FittedMotion:
         """Return the same motion on knots that are so many times as dense."""
         t = self.spline.t
         knots = _knots(float(t[0]), float(t[-1]), factor * self.intervals)
@@ -88,13 +88,13 @@ class MeasuredMotion:
         spline = make_interp_spline(places, self.spline(places), k=DEGREE, t=knots)
         return replace(self, spline=spline, intervals=factor * self.intervals)
 
-    def refitted(self, intervals: int) -> MeasuredMotion:
+    def refitted(self, intervals: int) -> FittedMotion:
         """Return the motion that its samples have on so many intervals."""
         t = self.spline.t
         found = _Fitted.of(list(self.samples), float(t[0]), float(t[-1]), intervals).motion(self.rate)
         return replace(found, samples=self.samples, sensor=self.sensor, clock=self.clock)
 
-    def with_clock(self, clock: np.ndarray) -> MeasuredMotion:
+    def with_clock(self, clock: np.ndarray) -> FittedMotion:
         """Return the motion as it was if the sensor's ``clock`` (2,) shows so much [s, 1] too much."""
         return replace(self, clock=(float(clock[0]), float(clock[1])))
 
@@ -156,7 +156,7 @@ def fit_motion(
     rate: float,
     shortest: float,
     sensor: str = "",
-) -> MeasuredMotion:
+) -> FittedMotion:
     """Fit a motion between start and stop [s]; ``rate`` [Hz] is that of the densities.
 
     Knots are no closer than ``shortest`` [s]. Rates alone leave the angle free by a constant; it starts at
@@ -259,7 +259,7 @@ class _Fitted:
         """The fitted motion."""
         return BSpline(self.knots, self.coefficients, DEGREE)
 
-    def motion(self, rate: float) -> MeasuredMotion:
+    def motion(self, rate: float) -> FittedMotion:
         """Return the motion with its densities per sample at ``rate`` [Hz]."""
         start, stop = float(self.knots[0]), float(self.knots[-1])
         size, width = self.coefficients.shape
@@ -271,7 +271,7 @@ class _Fitted:
             gram, _ = basis_sums(grid, self.knots, d, np.zeros((len(grid), 0)))
             total = np.sum(covariance * gram, axis=(1, 2))
             out[:] = np.sqrt(total / len(grid) * rate * (stop - start) / size)
-        return MeasuredMotion(
+        return FittedMotion(
             self.spline, self.intervals, densities[0], densities[1], self.information, rate=rate
         )
 

@@ -13,7 +13,7 @@ from smsid.diagnose.score_test import Candidate, Score, changes_of, correlation,
 from smsid.diagnose.specification_tests import PAST, adequacy
 from smsid.diagnose.stepwise import Search
 from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import MapFit, Prior, evaluate
+from smsid.estimation.map_estimate import MapFit, PriorRows, evaluate
 from smsid.estimation.sensitivities import propagate
 from smsid.report.axes import Axis, ticks_of
 from smsid.report.diagnosis_map import MapCell, column_of, row_of, strongest_by_place
@@ -225,7 +225,7 @@ def without_causes(search: Search) -> MapFit | None:
     shape = base.run.innovations.shape
     count = int(np.prod(shape))
     run = replace(base.run, innovations=part[:count].reshape(shape))
-    return replace(base, run=run, prior=Prior(-part[count:], base.prior.rows))
+    return replace(base, run=run, prior=PriorRows(-part[count:], base.prior.rows))
 
 
 def _contribution(search: Search, base: MapFit, cause: Cause) -> np.ndarray:

@@ -18,7 +18,7 @@ from smsid.likelihood.fit import minimise
 from smsid.likelihood.initial_guess import candidates
 from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm, piece_of
 from smsid.likelihood.refine import Refinement
@@ -95,7 +95,7 @@ def _evaluate_held(
     pieces: Sequence[RecordingTerm], at: Parameters, locals_: Sequence[NuisanceValues]
 ) -> Evaluation:
     """What is seen with the parameters held and everything else fitted."""
-    found = minimise(pieces, Point(at, tuple(locals_)), Prior(at), np.arange(at.size))
+    found = minimise(pieces, SearchPoint(at, tuple(locals_)), Prior(at), np.arange(at.size))
     return Evaluation.at(pieces, found.point)
 
 

@@ -11,7 +11,12 @@ import pinocchio as pin
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.estimation.bias_walk import unit_bias
-from smsid.estimation.compiled_filter import Change, effect_tables, inertial_tables, with_parameters
+from smsid.estimation.compiled_filter import (
+    ParameterDifference,
+    effect_tables,
+    inertial_tables,
+    with_parameters,
+)
 from smsid.estimation.filter_pass import CLOSE_SIGMAS, Instance, Moment
 from smsid.estimation.measurements import Measurements
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -27,7 +32,7 @@ MOVED = 0.02  # share by which masses or an effect may change before derivatives
 
 
 @dataclass(frozen=True)
-class Difference(Change):
+class Difference(ParameterDifference):
     """Spacecraft that differ in one parameter. ``drives``: commands act otherwise; ``reads``: sensors do."""
 
     drives: bool

@@ -11,7 +11,7 @@ from smsid._callable import make_callable
 from smsid.view.export import export_html
 from smsid.view.live import LiveView, show
 from smsid.view.look import Look
-from smsid.view.main import played, simulated_twin, write_view
+from smsid.view.main import build_replay, simulated_twin, write_view
 from smsid.view.replay import Replay, replay
 from smsid.view.scene import Scene, build_scene
 from smsid.view.video import export_video
@@ -21,10 +21,10 @@ __all__ = [
     "Look",
     "Replay",
     "Scene",
+    "build_replay",
     "build_scene",
     "export_html",
     "export_video",
-    "played",
     "replay",
     "show",
     "simulated_twin",

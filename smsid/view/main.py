@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from smsid.tracking.history import TrackHistory
 
 
-def played(
+def build_replay(
     description: Description,
     recordings: Sequence[Recording | TrackHistory] = (),
     names: Sequence[str] = (),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.arm.smoothing import Samples, smooth_joint
+from smsid.arm.smoothing import JointSamples, smooth_joint
 
 NONE = np.zeros(0)
 
@@ -25,7 +25,7 @@ def motion(t):
 def test_errors_of_angle_rate_and_acceleration_are_as_large_as_told(rate, noise, rng):
     t = np.arange(0.0, 20.0, 1.0 / rate)
     truth = motion(t)
-    found = smooth_joint([Samples(t, truth[0] + noise * rng.normal(size=t.size), NONE, NONE)])
+    found = smooth_joint([JointSamples(t, truth[0] + noise * rng.normal(size=t.size), NONE, NONE)])
     assert found.noise == pytest.approx(noise, rel=0.1)
     inner = (t > found.edge) & (t < 20.0 - found.edge)
     for d, sigma in enumerate(found.sigma):
@@ -37,7 +37,7 @@ def test_errors_of_angle_rate_and_acceleration_are_as_large_as_told(rate, noise,
 
 def test_samples_far_closer_than_knots_lose_nothing_by_being_averaged(rng):
     t = np.arange(0.0, 20.0, 1.0 / 2000.0)
-    samples = Samples(t, motion(t)[0] + 1e-4 * rng.normal(size=t.size), NONE, NONE)
+    samples = JointSamples(t, motion(t)[0] + 1e-4 * rng.normal(size=t.size), NONE, NONE)
     found = smooth_joint([samples])
     assert len(found.splines[0].c) < 0.1 * t.size
     assert found.noise == pytest.approx(1e-4, rel=0.05)  # of a sample, not of a mean
@@ -52,7 +52,7 @@ def test_a_measured_rate_makes_the_motion_better_known(rng):
     q, v, a = motion(t)
     angles = q + 5e-4 * rng.normal(size=t.size)
     rates = v + 2e-4 * rng.normal(size=t.size)
-    without, both = (smooth_joint([Samples(t, angles, *more)]) for more in ((NONE, NONE), (t, rates)))
+    without, both = (smooth_joint([JointSamples(t, angles, *more)]) for more in ((NONE, NONE), (t, rates)))
     assert both.rate_noise == pytest.approx(2e-4, rel=0.15)
     inner = slice(300, -300)
     errors = [np.std((s.splines[0](t, nu=2) - a)[inner]) for s in (without, both)]
@@ -62,7 +62,7 @@ def test_a_measured_rate_makes_the_motion_better_known(rng):
 def test_jitter_and_a_gap_are_no_obstacle(rng):
     t = np.cumsum(rng.uniform(0.008, 0.013, 2000))
     pieces = [t[:900], t[1100:]]
-    samples = [Samples(p, motion(p)[0] + 1e-4 * rng.normal(size=p.size), NONE, NONE) for p in pieces]
+    samples = [JointSamples(p, motion(p)[0] + 1e-4 * rng.normal(size=p.size), NONE, NONE) for p in pieces]
     found = smooth_joint(samples)
     assert found.noise == pytest.approx(1e-4, rel=0.1)
     for spline, p in zip(found.splines, pieces, strict=True):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import forward_step as rounds
-from smsid.diagnose.forward_step import State
+from smsid.diagnose.forward_step import SearchState
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import InflatedFit
@@ -127,7 +127,7 @@ def world(monkeypatch):
         monkeypatch.setattr(rounds, name, stub)
     fitted = InflatedFit(at("nominal"), np.ones(1), misfit=True)
     asked.at = at
-    return State(fitted, [candidate(k) for k in (FOUND, OTHER, VAIN)], DetectionThresholds()), asked
+    return SearchState(fitted, [candidate(k) for k in (FOUND, OTHER, VAIN)], DetectionThresholds()), asked
 
 
 def test_where_misfit_is_counted_what_takes_most_of_the_errors_away_comes_first(world):
@@ -137,7 +137,10 @@ def test_where_misfit_is_counted_what_takes_most_of_the_errors_away_comes_first(
     state._score_anew()
     state.forward_step()
     assert asked.accepted == [OTHER]
-    state, asked.accepted = State(replace(state.fitted, misfit=False), state.candidates, state.levels), []
+    state, asked.accepted = (
+        SearchState(replace(state.fitted, misfit=False), state.candidates, state.levels),
+        [],
+    )
     state.forward_step()
     assert asked.accepted == [VAIN]  # the one of largest odds
 
@@ -180,7 +183,7 @@ def test_beside_a_cause_what_explains_nothing_keeps_its_signature(world, chance,
     beside the nominal parameters is no more than what the motion changed (a payload beside a link's mass).
     """
     _, asked = world
-    state = State(
+    state = SearchState(
         InflatedFit(asked.at("nominal"), np.ones(1)),
         [candidate(k) for k in (FOUND, OTHER)],
         DetectionThresholds(),
@@ -346,7 +349,7 @@ def test_a_step_that_fails_is_undone_and_its_signatures_are_not_used_again(world
 
 def test_causes_that_share_an_effect_begin_together(known, plain):
     """One that is found as a part of another's effect has its start, wherever that goes."""
-    state = State.__new__(State)
+    state = SearchState.__new__(SearchState)
     state.nominal = plain
     tried = propose(plain.point, plain.problem, known.unknowns)
     by_shape = {c.shape: c for c in tried if c.location == "joint2"}

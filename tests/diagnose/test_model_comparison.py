@@ -88,7 +88,7 @@ def test_what_explains_only_without_end_is_no_cause(rubbing, monkeypatch):
     assert accept(current, score, [score], DetectionThresholds(), 60)[0] is None
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def restless(description, known):
     """A fit without friction that stopped far from its best, that best, and a score that gains nothing."""
     at_rest, score = rubbed(description, known, {"viscous": 1e-9})

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose.forward_step import State
+from smsid.diagnose.forward_step import SearchState
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import (
     InflatedFit,
@@ -261,7 +261,7 @@ def test_errors_slower_than_the_record_are_no_cause(known, problem, flown, seed)
     wandering = replace(problem, recording=record, data=replace(data, values=values))
     levels = with_levels(first_fit(known.point, wandering, known.unknowns), known.point)
     assert levels.misfit
-    state = State(levels, propose(known.point, wandering, known.unknowns), THRESHOLDS)
+    state = SearchState(levels, propose(known.point, wandering, known.unknowns), THRESHOLDS)
     while state.forward_step():
         pass
     assert not state.causes

@@ -18,7 +18,7 @@ from smsid.description import load_description, save_description
 from smsid.diagnose import Diagnosis, diagnose
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.equations import torque_equations
-from smsid.diagnose.torque.fit import Prior, Term, effects_of, fit_torques, learn_noise
+from smsid.diagnose.torque.fit import TorquePrior, TorqueTerm, effects_of, fit_torques, learn_noise
 from smsid.diagnose.torque.whitening import Whitening, robust_p_value
 from smsid.effects import JointFriction
 from smsid.export import export_folder
@@ -73,7 +73,7 @@ def test_a_stribeck_curve_is_written_as_it_was_fitted():
     one = next(c for c in candidates if (c.location, c.shape) == ("joint2", "stribeck"))
     found = SimpleNamespace(
         equations=SimpleNamespace(description=described().with_effects(known)),
-        terms=(Term(one, (0, 1)),),
+        terms=(TorqueTerm(one, (0, 1)),),
         term_values=lambda term: (np.array([2.0, 3.0]), np.eye(2)),
     )
     (written,) = [e for e in effects_of(found) if e.name == known.name]
@@ -217,7 +217,7 @@ def test_noise_is_learnt_beside_what_the_model_lacks():
         learn_noise(e, torque_candidates(e, recorded(seed=3), known=False)).sigma for e in (clean, lacking)
     ]
     np.testing.assert_allclose(levels[0], levels[1], rtol=0.1)
-    free = Prior(np.zeros(clean.rows.shape[2]), np.full(clean.rows.shape[2], np.inf))
+    free = TorquePrior(np.zeros(clean.rows.shape[2]), np.full(clean.rows.shape[2], np.inf))
     fitted = fit_torques(clean, free, (), Whitening(np.zeros((3, 0)), levels[0]))
     assert len(fitted.names) == clean.rows.shape[2]
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from smsid.comparison.explanations import _chance
-from smsid.estimation.contradictions import Part, contradictions_of
+from smsid.estimation.contradictions import RecordingInformation, contradictions_of
 from smsid.estimation.differences import Base
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.prior_conflict import conflict_of
@@ -44,11 +44,11 @@ def test_what_drives_unseen_wanders_as_it_is_said_to(known, problem):
     assert kalman.covariance[-1, -1] == pytest.approx(0.2**2 + 0.05**2 * passed, rel=1e-6)
 
 
-def parts(z: float) -> list[Part]:
+def parts(z: float) -> list[RecordingInformation]:
     """Two recordings that tell as much of one parameter as is known before, ``z`` sigma apart in it."""
     # alone each moves by s / 2, which scatters by 1 / 4: the difference by 1 / 2
     apart = z * np.sqrt(0.5)
-    return [Part(n, np.eye(1), np.array([x])) for n, x in (("a", apart), ("b", -apart))]
+    return [RecordingInformation(n, np.eye(1), np.array([x])) for n, x in (("a", apart), ("b", -apart))]
 
 
 @pytest.mark.parametrize(("z", "named"), [(3.5, False), (4.6, True)])

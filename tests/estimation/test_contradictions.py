@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import kstest
 
 from smsid.estimation import contradictions as module
-from smsid.estimation.contradictions import Contradiction, Part, contradictions_of
+from smsid.estimation.contradictions import Contradiction, RecordingInformation, contradictions_of
 from smsid.likelihood.combinations import Combination
 
 LARGE = np.logspace(0.0, 14.0, 15)  # information on parameters, in that of the prior
@@ -37,7 +37,10 @@ def parts(rng, apart=0.0):
     slopes = [low @ rng.normal(size=15) for low in lows]
     slopes[1] = slopes[1] + information[1][:, best] * apart * np.sqrt(both[best, best])
     step = np.linalg.solve(sum(information) + np.eye(15), sum(slopes))
-    return [Part(name, g, s - g @ step) for name, g, s in zip("ab", information, slopes, strict=True)]
+    return [
+        RecordingInformation(name, g, s - g @ step)
+        for name, g, s in zip("ab", information, slopes, strict=True)
+    ]
 
 
 def rows():
@@ -62,7 +65,9 @@ def test_forces_that_are_scaled_are_one_factor_on_all_masses(scaled, factor):
         g @ t + np.linalg.cholesky(g) @ rng.normal(size=15) for g, t in zip(information, true, strict=True)
     ]
     step = np.linalg.solve(sum(information) + np.eye(15), sum(slopes))
-    both = [Part(n, g, s - g @ step) for n, g, s in zip("ab", information, slopes, strict=True)]
+    both = [
+        RecordingInformation(n, g, s - g @ step) for n, g, s in zip("ab", information, slopes, strict=True)
+    ]
     # values are those at the joint optimum
     masses = [replace(m, value=m.value + x) for m, x in zip(masses, step, strict=True)]
     found = {c.recording: c for c in contradictions_of(both, np.eye(15), masses)}

@@ -7,7 +7,7 @@ import pytest
 
 from smsid.errors import SimulationError
 from smsid.likelihood import prediction
-from smsid.likelihood.inputs import Drive, Thrust
+from smsid.likelihood.inputs import DrivenMotion, ThrustHistory
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import predict
 from smsid.likelihood.spline import DerivativeSamples, fit_motion
@@ -29,14 +29,14 @@ def moving(model: SpacecraftModel, group, seed: int):
     return fit_motion([DerivativeSamples(0, times, values, np.full(len(group), 1e-6))], 0.0, STOP, 100.0, 0.1)
 
 
-def drive(model: SpacecraftModel, *, held: bool) -> Drive:
+def drive(model: SpacecraftModel, *, held: bool) -> DrivenMotion:
     """Return prescribed joints and wheels, thrust that jumps, the rest free (attitude unless held)."""
     locked = {int(i) for i in (*model.arm_joints.v, *model.wheels.v)} | ({3, 4, 5} if held else set())
     free = np.array([i for i in range(model.nv) if i not in locked])
     force = np.array([[5.0, -2.0, 1.0, 0.3, 0.2, -0.4], [-1.0, 4.0, 2.0, -0.2, 0.5, 0.1]])
-    thrust = Thrust(np.array([0.0, 1.5]), force, steps=True)
+    thrust = ThrustHistory(np.array([0.0, 1.5]), force, steps=True)
     joints, wheels = moving(model, model.arm_joints, 1), moving(model, model.wheels, 2)
-    return Drive(free, model.home.copy(), held, thrust, joints, wheels)
+    return DrivenMotion(free, model.home.copy(), held, thrust, joints, wheels)
 
 
 @pytest.mark.parametrize("held", [False, True])
@@ -61,7 +61,9 @@ def test_a_motion_that_is_not_finite_is_refused_at_the_same_time(crafts, both_wa
     assert own.thrust is not None
     endless = own.thrust.values.copy()
     endless[1, 3:] = np.inf
-    own = Drive(own.free, own.home, False, Thrust(own.thrust.times, endless, True), own.joints, own.wheels)
+    own = DrivenMotion(
+        own.free, own.home, False, ThrustHistory(own.thrust.times, endless, True), own.joints, own.wheels
+    )
 
     def refused() -> tuple[str, float]:
         with pytest.raises(SimulationError, match="not finite") as error:

@@ -12,7 +12,7 @@ from smsid.likelihood.jacobian import columns
 from smsid.likelihood.normal import normal_at
 from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point, step_point
+from smsid.likelihood.point import Evaluation, SearchPoint, step_point
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm, piece_of
 from smsid.likelihood.spline import DEGREE, DerivativeSamples, fit_motion, inverse_bands
@@ -39,7 +39,7 @@ def case(request: pytest.FixtureRequest) -> tuple[RecordingTerm, Evaluation, Pri
     local = replace(local, motion=local.motion + 1e-5 * rng.standard_normal(local.motion.shape))
     at = at.moved(0.01 * rng.standard_normal(at.size))
     # what is known of the bodies to 1 %: a covariance that 16 digits tell to nine
-    return piece, Evaluation.at([piece], Point(at, (local,))), Prior(at, 0.01)
+    return piece, Evaluation.at([piece], SearchPoint(at, (local,))), Prior(at, 0.01)
 
 
 def dense(piece: RecordingTerm, seen: Evaluation) -> tuple[np.ndarray, np.ndarray]:
@@ -133,7 +133,7 @@ def test_a_gap_of_the_encoders_is_bridged_by_what_else_is_known():
     holed = type(recording).from_arrays(None, gone, labels=labels, role="estimation", name="exp2")
     piece, local = piece_of(twin.model(), holed, Nuisance())
     at = Parameters.of(twin.model())
-    found = fit([piece], Point(at, (local,)), Prior(at))
+    found = fit([piece], SearchPoint(at, (local,)), Prior(at))
     assert found.pieces[0].follows
     assert found.cost / found.samples == pytest.approx(1.0, abs=0.05)
 

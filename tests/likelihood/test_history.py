@@ -8,7 +8,7 @@ import pytest
 from smsid.likelihood import Nuisance, refine
 from smsid.likelihood.fit import fit, history_of
 from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, Point
+from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import piece_of
 from smsid.model import build_model
@@ -20,7 +20,7 @@ from .test_refine import off
 def test_costs_are_those_of_the_points_visited():
     model = build_model(off())
     piece, local = piece_of(model, twin.noisy(twin.exp1((1, 1, 1), 30.0), 0), Nuisance())
-    start = Point(Parameters.of(model), (local,))
+    start = SearchPoint(Parameters.of(model), (local,))
     prior = Prior(start.parameters)
     found = fit([piece], start, prior)
     assert sum(c.dropped for c in found.pieces[0].channels) == 0

@@ -19,7 +19,7 @@ from smsid.likelihood import Refinement, fisher_information, refine
 from smsid.likelihood.fit import fit
 from smsid.likelihood.knots import _has_gaps, refined_motion, resolution, resolves_ringing
 from smsid.likelihood.normal import Normal
-from smsid.likelihood.point import Point
+from smsid.likelihood.point import SearchPoint
 from smsid.likelihood.refine import OF_PARTS
 from smsid.likelihood.spline import DerivativeSamples, fit_motion
 from smsid.model import build_model
@@ -136,7 +136,7 @@ def test_a_search_with_knots_as_close_as_nodes_comes_to_rest():
     flown = refine(rigid(), [to_and_fro(build_model(rigid()), 6000, 9)])
     pieces, locals_ = refined_motion(flown.fit.pieces, flown.fit.point)
     assert pieces[0].drive.joints.spacing < 0.6 * flown.fit.pieces[0].drive.joints.spacing
-    found = fit(pieces, Point(flown.fit.point.parameters, locals_), flown.prior)
+    found = fit(pieces, SearchPoint(flown.fit.point.parameters, locals_), flown.prior)
     sigma = np.sqrt(np.diag(found.normal.covariance()))
     own = np.abs(found.normal.solved()) / sigma
     assert own[: found.point.parameters.size].max() < 0.03
@@ -147,7 +147,7 @@ def test_a_long_flight_has_knots_as_close_as_its_part_needed():
     whole = to_and_fro(build_model(rigid()), 6000, 9)
     part = refine(rigid(), [whole.window(0.0, 40.0)])
     pieces, locals_ = refined_motion(part.fit.pieces, part.fit.point)
-    finer = replace(part, fit=fit(pieces, Point(part.fit.point.parameters, locals_), part.prior))
+    finer = replace(part, fit=fit(pieces, SearchPoint(part.fit.point.parameters, locals_), part.prior))
     found = refine(rigid(), [whole], finer, of_parts=True)
     assert found.fit.pieces[0].drive.joints.spacing < 1.1 * pieces[0].drive.joints.spacing
     assert OF_PARTS in found.estimate.notes and OF_PARTS not in part.estimate.notes

@@ -14,7 +14,7 @@ from smsid.errors import RecordingError, SmsidError
 from smsid.model.build import build_model
 from smsid.recording import Recording
 from smsid.simulate import truth_of
-from smsid.view import played, replay, simulated_twin
+from smsid.view import build_replay, replay, simulated_twin
 from smsid.view.export import readouts
 from smsid.view.look import VIEW_FROM
 from smsid.view.scene import world_poses
@@ -125,7 +125,7 @@ def test_unknown_layout_is_refused(model, trajectory):
 
 def test_recordings_are_named(recording):
     described = load_description(URDF / "paper_sms.toml")
-    shown = played(described, [recording, recording], ["a", "b"], fps=2.0)
+    shown = build_replay(described, [recording, recording], ["a", "b"], fps=2.0)
     assert (shown.label, [c.label for c in shown.companions]) == ("a", ["b"])
     files = [Path("x/a.nc"), Path("y/b.nc"), Path("y/a.nc")]
     assert file_names(files[:2]) == ["a", "b"]

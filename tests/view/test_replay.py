@@ -8,7 +8,7 @@ from smsid.description import load_description
 from smsid.errors import RecordingError, SmsidError
 from smsid.recording import Recording, load_recording, save_recording
 from smsid.simulate import States, truth_of
-from smsid.view import Look, played, replay, write_view
+from smsid.view import Look, build_replay, replay, write_view
 
 from .conftest import URDF
 
@@ -128,9 +128,9 @@ def test_a_view_of_files_is_a_page(channels, tmp_path):
     names = ("pose.position", "pose.attitude", "truth.slosh_position")
     save_recording(Recording.from_arrays(times, {k: found[k] for k in names}), tmp_path / "rec.nc")
     craft = load_description(URDF / "paper_sms.toml")
-    view = played(craft, [load_recording(tmp_path / "rec.nc")])
+    view = build_replay(craft, [load_recording(tmp_path / "rec.nc")])
     page = write_view(view, tmp_path / "view.html")
     assert page.stat().st_size > 1e6
     assert any("joint angles" in note for note in view.notes)
-    home = played(load_description(URDF / "two_arm_sms.toml"))
+    home = build_replay(load_description(URDF / "two_arm_sms.toml"))
     assert write_view(home, tmp_path / "home.html").is_file()

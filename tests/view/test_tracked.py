@@ -11,7 +11,7 @@ import pytest
 from smsid.errors import RecordingError, SmsidError
 from smsid.tracking import TrackHistory
 from smsid.tracking.track_recordings import dof_names
-from smsid.view import played
+from smsid.view import build_replay
 from smsid.view.tracked import tracked_states
 
 
@@ -46,10 +46,10 @@ def test_two_recordings_meet_in_one_moment(moved):
 
 def test_it_is_played_beside_others_and_has_no_commands(moved):
     model, _, _, history = moved
-    shown = played(model.description, [history, history])
+    shown = build_replay(model.description, [history, history])
     assert len(shown.companions) == 1 and shown.label == "tracked"
     with pytest.raises(SmsidError, match="no commands to fly"):
-        played(model.description, [history], simulated=True)
+        build_replay(model.description, [history], simulated=True)
 
 
 def test_a_track_of_another_spacecraft_is_refused(moved):

@@ -10,7 +10,7 @@ import pytest
 
 from smsid.description import load_description
 from smsid.errors import MissingDependencyError, SmsidError
-from smsid.view import played, replay, write_view
+from smsid.view import build_replay, replay, write_view
 from smsid.view.video import export_video, is_film
 
 from .browser import needs_chromium
@@ -47,4 +47,4 @@ def test_only_films_are_films(model, trajectory, tmp_path):
     with pytest.raises(SmsidError, match="pixels"):
         export_video(replay(model, trajectory), tmp_path / "film.gif", size=(320, 240))
     with pytest.raises(SmsidError, match="A film needs a recording"):
-        write_view(played(load_description(URDF / "paper_sms.toml")), tmp_path / "film.gif")
+        write_view(build_replay(load_description(URDF / "paper_sms.toml")), tmp_path / "film.gif")

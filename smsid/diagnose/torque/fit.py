@@ -21,7 +21,7 @@ FLOOR = 1e-9
 
 
 @dataclass(frozen=True)
-class Prior:
+class TorquePrior:
     """What is known of the combinations before: ``mean`` and ``sigma`` (b,), infinite where nothing is."""
 
     mean: np.ndarray
@@ -34,7 +34,7 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Term:
+class TorqueTerm:
     """An accepted candidate with which of its parameters are free: places in its ``names``."""
 
     candidate: TorqueCandidate
@@ -57,8 +57,8 @@ class TorqueFit:
     """
 
     equations: TorqueEquations
-    prior: Prior
-    terms: tuple[Term, ...]
+    prior: TorquePrior
+    terms: tuple[TorqueTerm, ...]
     whitening: Whitening
     x: np.ndarray
     covariance: np.ndarray
@@ -88,7 +88,7 @@ class TorqueFit:
         """Sum of squares, priors included."""
         return float(self.left @ self.left)
 
-    def term_values(self, term: Term) -> tuple[np.ndarray, np.ndarray]:
+    def term_values(self, term: TorqueTerm) -> tuple[np.ndarray, np.ndarray]:
         """Return the values (d,) and standard deviations (d,) of a term's parameters."""
         index = [self.names.index(n) for n in term.names]
         return self.x[index], np.sqrt(np.diag(self.covariance)[index])
@@ -101,7 +101,7 @@ class TorqueFit:
             mask[:] = True  # what is no joint acts on all
         return np.concatenate([mask.ravel(), np.zeros(len(self.left) - mask.size, dtype=bool)])
 
-    def without(self, terms: Sequence[Term]) -> TorqueFit:
+    def without(self, terms: Sequence[TorqueTerm]) -> TorqueFit:
         """Return the fit with only some of its terms, on the same noise and predicted torques."""
         own = term_columns(self.equations, terms, self.load)
         found = _solve(self.equations, self.prior, tuple(terms), own, self.whitening)
@@ -146,15 +146,15 @@ def _roughly(equations: TorqueEquations) -> np.ndarray:
     """Return the torque (N, joints) that the combinations alone predict, all joints alike [N m]."""
     size = np.sqrt(np.mean(equations.torque**2, axis=0)) + FLOOR
     plain = Whitening(np.zeros((len(size), 0)), size)
-    free = Prior(np.zeros(equations.rows.shape[2]), np.full(equations.rows.shape[2], np.inf))
+    free = TorquePrior(np.zeros(equations.rows.shape[2]), np.full(equations.rows.shape[2], np.inf))
     none = np.zeros((*equations.motion.torque.shape, 0))
     return _solve(equations, free, (), none, plain).load
 
 
 def fit_torques(
     equations: TorqueEquations,
-    prior: Prior,
-    terms: Sequence[Term],
+    prior: TorquePrior,
+    terms: Sequence[TorqueTerm],
     whitening: Whitening,
     *,
     load: np.ndarray | None = None,
@@ -174,14 +174,14 @@ def fit_torques(
     return _solve(equations, prior, tuple(terms), term_columns(equations, terms, load), whitening)
 
 
-def term_columns(equations: TorqueEquations, terms: Sequence[Term], load: np.ndarray) -> np.ndarray:
+def term_columns(equations: TorqueEquations, terms: Sequence[TorqueTerm], load: np.ndarray) -> np.ndarray:
     """Return the terms' columns on the motion's instants (N, joints, parameters)."""
     parts = [t.candidate.columns(equations, load)[:, :, list(t.kept)] for t in terms]
     return np.concatenate([np.zeros((*load.shape, 0)), *parts], axis=2)
 
 
 def _stack_priors(
-    equations: TorqueEquations, design: np.ndarray, whitening: Whitening, prior: Prior
+    equations: TorqueEquations, design: np.ndarray, whitening: Whitening, prior: TorquePrior
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened columns and torques with the priors' rows below."""
     k = design.shape[2]
@@ -194,7 +194,11 @@ def _stack_priors(
 
 
 def _solve(
-    equations: TorqueEquations, prior: Prior, terms: tuple[Term, ...], own: np.ndarray, whitening: Whitening
+    equations: TorqueEquations,
+    prior: TorquePrior,
+    terms: tuple[TorqueTerm, ...],
+    own: np.ndarray,
+    whitening: Whitening,
 ) -> TorqueFit:
     design = np.concatenate([equations.rows, equations.filtered(own)], axis=2)
     columns, target = _stack_priors(equations, design, whitening, prior)
@@ -244,7 +248,7 @@ def effects_of(found: TorqueFit) -> tuple[Effect, ...]:
     return tuple(made[n] for n in dict.fromkeys(names))
 
 
-def with_equations(term: Term, equations: TorqueEquations) -> Term:
+def with_equations(term: TorqueTerm, equations: TorqueEquations) -> TorqueTerm:
     """Return a joint's zero, or the clock, as a term of equations made with it."""
     effect = term.candidate.effect
     assert effect is not None
@@ -256,7 +260,7 @@ def with_equations(term: Term, equations: TorqueEquations) -> Term:
     return replace(term, candidate=replace(term.candidate, effect=effect))
 
 
-def moved_value(term: Term) -> float:
+def moved_value(term: TorqueTerm) -> float:
     """Return the value that the equations were made with of a term that moves them [rad or s]."""
     effect = term.candidate.effect
     assert effect is not None

@@ -9,7 +9,7 @@ import numpy as np
 from smsid.description import Description
 from smsid.diagnose.extended_description import body_errors
 from smsid.diagnose.torque.equations import TorqueEquations
-from smsid.diagnose.torque.fit import Prior, TorqueFit, effects_of
+from smsid.diagnose.torque.fit import TorqueFit, TorquePrior, effects_of
 from smsid.errors import SmsidError
 from smsid.estimation.bodies import identified_bodies, urdf_bodies
 from smsid.identify.estimate import Estimate, classify
@@ -25,7 +25,9 @@ def described_values(equations: TorqueEquations) -> np.ndarray:
     return equations.base.values(theta)
 
 
-def prior_of(equations: TorqueEquations, estimate: Estimate | None) -> tuple[Prior, str, tuple[str, ...]]:
+def prior_of(
+    equations: TorqueEquations, estimate: Estimate | None
+) -> tuple[TorquePrior, str, tuple[str, ...]]:
     """Return the prior, one sentence on where it is from, and notes.
 
     From the estimate, combination by combination; else the priors that the description states for its
@@ -71,10 +73,10 @@ def prior_of(equations: TorqueEquations, estimate: Estimate | None) -> tuple[Pri
             "links are identified along with the causes, so that a payload, a wrong link or the gain of a "
             "torque signal cannot be told from them; an estimate made before makes them candidates"
         )
-    return Prior(mean, sigma), sentence, tuple(notes)
+    return TorquePrior(mean, sigma), sentence, tuple(notes)
 
 
-def links_known(equations: TorqueEquations, prior: Prior) -> bool:
+def links_known(equations: TorqueEquations, prior: TorquePrior) -> bool:
     """Whether something is known of the links beforehand."""
     count = Regressor(equations.model).columns
     return bool(np.any(prior.known[equations.base.independent < count]))

@@ -13,9 +13,9 @@ from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.torque.candidates import TorqueCandidate, instance
 from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
 from smsid.diagnose.torque.fit import (
-    Prior,
-    Term,
     TorqueFit,
+    TorquePrior,
+    TorqueTerm,
     fit_torques,
     learn_noise,
     moved_value,
@@ -48,7 +48,7 @@ class TorqueCause:
     correlations.
     """
 
-    term: Term
+    term: TorqueTerm
     score: TorqueScore
     aliases: tuple[tuple[TorqueScore, float], ...] = ()
 
@@ -67,7 +67,7 @@ class TorqueSearch:
 def search_torques(
     equations: TorqueEquations,
     recording: Recording | Sequence[Recording],
-    prior: Prior,
+    prior: TorquePrior,
     candidates: Sequence[TorqueCandidate],
 ) -> TorqueSearch:
     """Return the effects that a recording's torques ask for, found one after the other.
@@ -104,7 +104,7 @@ def search_torques(
         LOGGER.info("%s: ratio %.1f", best.candidate.key, best.ratio)
         rest = [c for c in rest if c is not best.candidate]
         refused.clear()  # what another hid may hold now
-        cause = TorqueCause(Term(best.candidate, best.kept), best)
+        cause = TorqueCause(TorqueTerm(best.candidate, best.kept), best)
         if best.candidate.moves:  # later the equations have it in them, and nothing of it is left to score
             cause = _beside_all(current, causes, cause, candidates)
         causes.append(cause)
@@ -256,7 +256,7 @@ def _chance(current: TorqueFit, cause: TorqueCause, tried: int) -> float:
     index = [current.names.index(n) for n in cause.term.names]
     x, covariance = current.x[index], current.covariance[np.ix_(index, index)]
     if cause.term.candidate.moves:
-        x = x + moved_value(cause.term) - moved_value(Term(cause.score.candidate, cause.term.kept))
+        x = x + moved_value(cause.term) - moved_value(TorqueTerm(cause.score.candidate, cause.term.kept))
     if _is_below_stamps(cause.term.candidate, x, current.equations):
         return 1.0
     wald = float(x @ np.linalg.pinv(covariance) @ x)
