@@ -10,6 +10,7 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm.columns import JointStates, effect_columns, joint_index
+from smsid.arm.near_rest import near_rest
 from smsid.arm.smooth_motion import SmoothMotion
 from smsid.effects import Effect
 from smsid.errors import RecordingError
@@ -134,6 +135,19 @@ def block_means(values: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Return the means of values (N, ...) over blocks that begin at ``starts`` (B,): (B, ...)."""
     count = np.diff(np.append(starts, len(values)))
     return np.add.reduceat(values, starts, axis=0) / count.reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def blocks_near_rest(motion: SmoothMotion, starts: np.ndarray) -> np.ndarray:
+    """Return whether joints are near rest in blocks that begin at ``starts`` (B,), or within a period of what
+    blocks leave: (B, nv).
+    """
+    out = np.zeros((len(starts), motion.v.shape[1]), dtype=bool)
+    reach = PER_PERIOD * motion.step * float(np.median(np.diff(np.append(starts, len(motion.time)))))
+    at = block_means(motion.time, starts)
+    for first, last in motion.bounds:
+        own = (starts >= first) & (starts < last)
+        out[own] = near_rest(motion.time[first:last], motion.v[first:last], at[own], reach)
+    return out
 
 
 def joint_states(motion: SmoothMotion, starts: np.ndarray, load: np.ndarray) -> JointStates:

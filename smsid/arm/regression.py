@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.stats import norm, t
 
+from smsid.arm.near_rest import variance_ratio
 from smsid.errors import NotIdentifiableError
 
 ROUNDS = 10
@@ -36,8 +37,8 @@ class JointRegression:
     """Solution of torque = rows x.
 
     ``x`` (n,), ``covariance`` (n, n), ``noise`` (joints,) standard deviation of the residual of each joint
-    [N m], ``lags`` the number of samples over which the residual is correlated, ``condition`` of the scaled
-    weighted rows.
+    [N m], where it is not near rest, ``lags`` the number of samples over which the residual is correlated,
+    ``condition`` of the scaled weighted rows.
     """
 
     x: np.ndarray
@@ -57,10 +58,13 @@ def solve_joints(
     torque: np.ndarray,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
     *,
+    near: np.ndarray | None = None,
     gain_sigma: np.ndarray | None = None,
     rough: bool = False,
 ) -> JointRegression:
     """Weighted least squares with one weight per joint, found with it; covariance from stretches of time.
+
+    Near rest, where no law says what friction is, a joint's errors have a weight of their own.
 
     Friction that the model lacks is no white noise: the residual stays correlated, and differs with the
     motion. The covariance is `stretch_covariance`. A joint without a motor, whose torque is zero throughout,
@@ -71,6 +75,7 @@ def solve_joints(
         torque: (N, joints) [N m].
         prior: means and standard deviations (n,), infinite where nothing is known; these weigh as much as the
             equations of one correlation length do.
+        near: (N, joints) where joints are near rest, see `near_rest`; by default nowhere.
         gain_sigma: (joints,) relative standard deviations of what torques were multiplied by.
         rough: take errors for equally large everywhere, in the covariance: for steps on the way.
 
@@ -89,17 +94,21 @@ def solve_joints(
         raise NotIdentifiableError(
             "A parameter does not enter at all.", advice="Excite its joint.", column=int(scale.argmin())
         )
-    # One triangle per joint holds all that its equations say; the rounds only weight the triangles anew.
-    triangles = [_triangle(rows[:, j] / scale, torque[:, j]) for j in range(joints)]
+    # One triangle per joint, and one near rest, hold all that equations say; rounds only weight them anew.
+    near = np.zeros((samples, joints), dtype=bool) if near is None else near
+    places = [(j, w) for j in range(joints) for w in (~near[:, j], near[:, j]) if w.any()]
+    triangles = [_triangle(rows[w, j] / scale, torque[w, j]) for j, w in places]
     # a joint without a motor has no torque: the others say what one weighs before there is a residual
     size = np.sqrt(np.mean(torque**2, axis=0))
     idle = np.flatnonzero(size == 0.0)
     given, rows, torque = rows, rows.copy() if idle.size else rows, torque.copy() if idle.size else torque
     noise = np.maximum(np.where(size > 0.0, size, size.max(initial=0.0)), 1e-12)
+    level = np.tile(noise, (samples, 1))
     known, lags = _prior_rows(prior, scale), 1
     for _ in range(ROUNDS):
         weighted = known * np.sqrt(max(lags, 1))
-        stacked = np.vstack([*(r / s for r, s in zip(triangles, noise, strict=True)), weighted])
+        weights = [level[int(w.argmax()), j] for j, w in places]
+        stacked = np.vstack([*(r / s for r, s in zip(triangles, weights, strict=True)), weighted])
         triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
         column = np.linalg.norm(triangle[:, :-1], axis=0)
         square = triangle[:n, :n] / column
@@ -114,14 +123,18 @@ def solve_joints(
         x = solve_triangular(square, triangle[:n, n]) / column / scale
         for j in idle:
             rows[:, j], torque[:, j] = _without_scale(given[:, j], x)
-            triangles[j] = _triangle(rows[:, j] / scale, torque[:, j])
+        for k, (j, w) in enumerate(places):
+            if j in idle:
+                triangles[k] = _triangle(rows[w, j] / scale, torque[w, j])
         residual = torque - rows @ x
-        before, noise = noise, np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-12)
+        larger = np.where(near, variance_ratio(residual**2, near), 1.0)
+        noise = np.maximum(np.sqrt(np.mean(residual**2 / larger, axis=0)), 1e-12)
+        before, level = level, noise * np.sqrt(larger)
         if known.size:
-            lags = correlation_lags(residual / noise)
-        if np.all(np.abs(noise - before) <= SETTLED * before):
+            lags = correlation_lags(residual / level)
+        if np.all(np.abs(level - before) <= SETTLED * before):
             break
-    white = residual / noise
+    white = residual / level
     lags = correlation_lags(white)
     if rough:
         root = np.linalg.inv(triangle[:n, :n])
@@ -129,10 +142,10 @@ def solve_joints(
     else:
         longest = max(lags, correlation_lags(rows @ x)) if lags > 1 else 1
         stretches = int(np.clip(samples // (PER_STRETCH * longest), *STRETCHES))
-        covariance = stretch_covariance(rows / scale / noise[:, None], white, stretches, weighted[:, :-1])
+        covariance = stretch_covariance(rows / scale / level[:, :, None], white, stretches, weighted[:, :-1])
     if gain_sigma is not None:
         root = np.linalg.inv(triangle[:n, :n])
-        forces = np.einsum("tjn,tj->nj", rows, torque * gain_sigma / noise**2) / scale[:, None]
+        forces = np.einsum("tjn,tj->nj", rows, torque * gain_sigma / level**2) / scale[:, None]
         moved = root @ root.T @ forces
         covariance = covariance + moved @ moved.T
     covariance *= np.outer(1.0 / scale, 1.0 / scale)

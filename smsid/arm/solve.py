@@ -21,7 +21,7 @@ from smsid.arm.friction_shape import (
     usual_shape,
     with_shape_columns,
 )
-from smsid.arm.joint_torques import JointTorques, acts_on
+from smsid.arm.joint_torques import JointTorques, acts_on, blocks_near_rest
 from smsid.arm.level import Level
 from smsid.arm.regression import JointRegression, solve_joints
 from smsid.arm.smooth_motion import SmoothMotion
@@ -84,6 +84,7 @@ def solve_equations(
     leaning, count = len(base) + tilt.size, len(base) + tilt.size + 1
     places = {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
     loaded = depends_on_load(model.description.effect)
+    near = blocks_near_rest(motion, torques.starts)
     sizes: dict[str, float] = {}
     x = np.zeros(len(base))
     for k in range(ROUNDS):
@@ -95,7 +96,7 @@ def solve_equations(
         torques, slopes = with_shape_columns(torques, shapes, model, motion, load)
         rows = torques.rows[:, :, base.independent]
         if not k:  # sizes of friction, for the slopes
-            x = solve_joints(rows, torques.torque, rough=True).x
+            x = solve_joints(rows, torques.torque, near=near, rough=True).x
             sizes = {n: float(x[i]) for n, i in places.items()}
         columns = [rows, level.columns(base, x, tilt) if level else np.zeros((*torques.torque.shape, 0))]
         columns.append(delay_column(motion, torques.starts, rows @ x)[:, :, None])
@@ -109,11 +110,11 @@ def solve_equations(
         every = np.concatenate(columns, axis=2)
         if described.used is not None:
             every *= described.used[:, :, None]
-        solved = solve_joints(every, torques.torque, (mean, sigma), rough=True)
+        solved = solve_joints(every, torques.torque, (mean, sigma), near=near, rough=True)
         moved = np.max(np.abs(solved.x[len(base) :]) / np.maximum(solved.sigma[len(base) :], 1e-12))
         settled = k == ROUNDS - 1 or (moved < SETTLED and (k > 0 or not loaded))
         if settled:
-            solved = solve_joints(every, torques.torque, (mean, sigma), gain_sigma=gain_sigma)
+            solved = solve_joints(every, torques.torque, (mean, sigma), near=near, gain_sigma=gain_sigma)
         sizes = {n: float(solved.x[i]) for n, i in places.items()}
         x = solved.x[: len(base)]
         new = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -27,8 +27,9 @@ from smsid.diagnose.model_comparison import (
     with_further,
 )
 from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse, refit_noise, with_misfit
+from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
-from smsid.diagnose.score_test import Candidate, Score, score_candidates, seen_where, signatures
+from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_candidates, signatures
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
@@ -141,8 +142,11 @@ class SearchState:
         ):
             self._restart(found)
         else:
-            self._out |= in_vain
-            self.scores = [s for s in self.scores if s.candidate.key not in in_vain]
+            tried = [s for s in self.scores if s.candidate.key in in_vain]
+            rest = [s for s in self.scores if s.candidate.key not in in_vain]
+            same = {s.candidate.key for s in rest if any(is_same_error(s, t) for t in tried)}
+            self._out |= in_vain | same
+            self.scores = [s for s in rest if s.candidate.key not in same]
         return True
 
     def close(self) -> None:
@@ -461,39 +465,3 @@ def drop_onset(
     if sum(s.candidate.start is not None for s in scores) > 1:
         scores, found = always_together(found, scores, levels.onset)
     return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found
-
-
-def in_one_recording(
-    current: MapFit, scores: Sequence[Score], columns: Mapping[tuple[str, str, str], np.ndarray], alias: float
-) -> list[Score]:
-    """Return scores, each as of its effect in one recording alone where that explains clearly more.
-
-    Nothing passes from one recording to the next, so that the columns (N rows, d) of an effect in one of
-    them are those of the effect in all, with the other rows zero. Which one it is, of all and each, was
-    searched: its likelihood ratio is to be larger by twice the logarithm of how many these are, and by
-    ``alias``. An effect of a name that is there already is another one.
-    """
-    parts = current.problem.parts
-    if not parts:
-        return list(scores)
-    names = {e.name for e in current.point.description.effect}
-    tried = len(parts) + 1
-    least = 2.0 * float(np.log(tried)) + alias
-    best = {s.candidate.key: s for s in scores}
-    may = [s.candidate for s in scores if _may(s.candidate, current.point.within)]
-    for part in parts:
-        own = [replace(c.apart(names), recording=part.label, grid=c.grid * tried) for c in may]
-        there = [seen_where(current, c, columns[c.key]) for c in own]
-        for one in score_candidates(current, own, there):
-            known = best[one.candidate.key]
-            if one.ratio > known.ratio + (0.0 if known.candidate.recording else least):
-                best[one.candidate.key] = one
-    return [best[s.candidate.key] for s in scores]
-
-
-def _may(candidate: Candidate, within: Mapping[str, str]) -> bool:
-    """Whether a candidate is of an effect that acts throughout, and may do so in one recording alone."""
-    effect = candidate.effect
-    if effect is None or type(candidate) is not Candidate:
-        return False
-    return candidate.start is None and effect.name not in within

@@ -25,6 +25,7 @@ from smsid.model.spacecraft import SpacecraftModel
 LOGGER = logging.getLogger(__name__)
 T = TypeVar("T", bound="Candidate")
 EXCITED = THRESHOLDS.excited
+SAME = 0.9999  # correlation above which columns are the same
 NOTHING = 1e-18  # share of the most that a parameter of a candidate tells, below which it does nothing
 
 
@@ -361,10 +362,25 @@ def _is_within_bounds(candidate: Candidate, estimate: np.ndarray) -> bool:
 
 def correlation(first: Score, second: Score) -> float:
     """Return the largest canonical correlation of two candidates, the fitted parameters projected out."""
+    return float(_canonical_correlations(first, second).max(initial=0.0))
+
+
+def is_same_error(first: Score, second: Score) -> bool:
+    """Whether two candidates of one kind and shape do the same, as at bodies that move as one: neither can do
+    what the other cannot, the fitted parameters projected out.
+    """
+    (kind, _, shape), (its_kind, _, its_shape) = first.candidate.key, second.candidate.key
+    if (kind, shape) != (its_kind, its_shape) or first.freedom != second.freedom:
+        return False
+    alike = _canonical_correlations(first, second)
+    return len(alike) >= first.freedom and float(alike.min(initial=1.0)) > SAME
+
+
+def _canonical_correlations(first: Score, second: Score) -> np.ndarray:
     bases = []
     for s in (first, second):
         columns = np.asarray(s.columns)
         size = np.linalg.norm(columns, axis=0)
         u, values, _ = np.linalg.svd(columns / np.where(size > 0.0, size, 1.0), full_matrices=False)
         bases.append(u[:, values > 1e-6])
-    return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False).max(initial=0.0))
+    return np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)

@@ -18,9 +18,14 @@ from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.verdict import causes, impossible, own_component_left
 from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero
 from smsid.errors import SmsidError
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import MapFit, fit
+from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
+STEP = 10.0**0.5  # between noises of unknown inputs that are compared
+QUIETEST = 1e-6  # of the noise that hides them
 
 
 def find_standing_causes(
@@ -31,9 +36,10 @@ def find_standing_causes(
 
     Their values can be, nothing of another place looks like them, and they are needed also where what is left
     is taken as unknown: the equations and channels that still depend on something, or where misfit is
-    counted, a structure whose own motion is all that is not followed. Their values are those they have then:
-    before, they bent to the rest. Of causes at a place that is unknown, only those of such a structure stand,
-    with the misfit counted in their values, where the causes take most of it away.
+    counted, a structure whose own motion is all that is not followed. Their values are those they have then,
+    with what is unknown as large as is likeliest: before, they bent to the rest. Of causes at a place that is
+    unknown, only those of such a structure stand, with the misfit counted in their values, where the causes
+    take most of it away.
     """
     rest = None
     if named:
@@ -43,6 +49,7 @@ def find_standing_causes(
     last, lost = rest
     mostly = found.misfit and found.followed >= THRESHOLDS.mostly
     there = [any(is_at(told.location, place) for place in lost.values()) for told in named]
+    likeliest = at_likeliest_noise(last)
     stand = [
         not impossible(told)
         and all((a.location, a.family) == (told.location, told.family) for a in told.aliases)
@@ -54,10 +61,43 @@ def find_standing_causes(
     elsewhere = [yes and not here for yes, here in zip(stand, there, strict=True)]
     kept = tuple(c for c, yes in zip(found.causes, elsewhere, strict=True) if yes)
     unknown = f"taken as unknown where causes elsewhere are judged: {', '.join(lost)}"
-    by = replace(found, last=last, causes=kept, failed=(*found.failed, unknown) if kept else found.failed)
+    by = replace(
+        found, last=likeliest, causes=kept, failed=(*found.failed, unknown) if kept else found.failed
+    )
     values = iter(causes(by))
     own = [next(values) if yes else told for yes, told in zip(elsewhere, named, strict=True)]
     return by, tuple(told if yes else None for yes, told in zip(stand, own, strict=True))
+
+
+def at_likeliest_noise(found: MapFit) -> MapFit:
+    """Return a fit with the noise of its unknown inputs, all together, as large as is likeliest.
+
+    To hide what is unknown it is louder than that; standard deviations of what goes with it would be as much
+    too large. They are at least those that slow errors make.
+    """
+    loud = found.problem.noise
+    if not loud.more:
+        return found
+
+    def quieter(by: float) -> Problem:
+        more = tuple((dof, by * size) for dof, size in loud.more)
+        return replace(found.problem, noise=replace(loud, more=more), coloured=True)
+
+    try:
+        best, by = found.run.log_likelihood, 1.0
+        model = found.point.model()
+        while by > QUIETEST:
+            tried = run_filter(model, at_point(found.point, quieter(by / STEP))).log_likelihood
+            if tried <= best:
+                break
+            best, by = tried, by / STEP
+        if by == 1.0:
+            return found
+        LOGGER.info("unknown inputs are likeliest %.3g times as loud", by)
+        return fit(found.point, found.unknowns, quieter(by), iterations=6)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("unknown inputs stay as loud as they are: %s", error)
+        return found
 
 
 def _is_needed(found: Search, cause: Cause, rest: MapFit) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.io import loadmat
 from typer.testing import CliRunner
 
 from smsid.arm import identify_arm, with_joint_effects
@@ -25,7 +24,6 @@ URDF = """<robot name="axis"><link name="base"/>
 <joint name="slide" type="{kind}"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
 <limit lower="-1" upper="1" effort="500" velocity="1"/></joint></robot>"""
 KINDS = ("joint_friction", "torque_offset")
-PUBLISHED = {"mass": 95.109, "viscous": 203.503, "coulomb": 20.394, "offset": -3.165}
 
 
 def axis(tmp_path, kind="prismatic"):
@@ -134,29 +132,3 @@ def test_what_was_identified_without_a_description_is_exported(tmp_path, rng):
     friction = arm.get_effect("friction_slide")
     assert friction.viscous == pytest.approx(200.0, rel=0.02)
     assert build_model(arm).pin.inertias[1].mass == pytest.approx(95.0, rel=0.02)
-
-
-def test_emps_gives_the_published_values(tmp_path):
-    if not _emps():
-        pytest.skip("SMSID_DATA has no copy of emps")
-    data = loadmat(_emps())
-    t, q, force = (data[k].ravel() for k in ("t", "qm", "vir"))
-    channels = {
-        "encoder.joint_position": q[:, None],
-        "drive.joint_torque": float(data["gtau"].item()) * force[:, None],
-    }
-    recording = Recording.from_arrays(
-        t, channels, labels={"joint": ("slide",)}, role="estimation", name="emps"
-    )
-    found = identify_arm(with_joint_effects(axis(tmp_path), ("slide",), *KINDS), recording).estimate
-    names = ("carriage.m", "friction_slide.viscous", "friction_slide.coulomb", "bias_slide.torque")
-    for name, published in zip(names, PUBLISHED.values(), strict=True):
-        assert found[name].value == pytest.approx(published, rel=0.01)
-
-
-def _emps():
-    import os
-    from pathlib import Path
-
-    place = Path(os.environ.get("SMSID_DATA", "")) / "emps" / "DATA_EMPS.mat"
-    return str(place) if place.is_file() else ""

@@ -104,6 +104,7 @@ def world(monkeypatch):
         asked.stepped.append(fit.name)
         return fit
 
+    asked.same = lambda one, other: False
     asked.instead, asked.takes, asked.chances, asked.excited, asked.moved = None, {}, {}, 0.5, 1.0
     monkeypatch.setattr(InflatedFit, "explained", lambda fitted, columns, estimate: columns)
     for name, stub in {
@@ -122,6 +123,7 @@ def world(monkeypatch):
         "in_one_recording": lambda fit, scores, *_: scores,
         "drop_onset": lambda causes, fit, levels: (list(causes), fit),
         "with_further": lambda *_: None,
+        "is_same_error": lambda one, other: asked.same(one.candidate, other.candidate),
         "squared_distance": lambda *_: asked.moved,
     }.items():
         monkeypatch.setattr(rounds, name, stub)

@@ -1,5 +1,6 @@
 """Scores against least squares, whatever the fitted parameters and their priors."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 from scipy.stats import norm
 
-from smsid.diagnose.score_test import Candidate, correlation, odds, score_candidates
+from smsid.diagnose.score_test import Candidate, correlation, is_same_error, odds, score_candidates
 from smsid.effects import GearCompliance
 from smsid.estimation.map_estimate import MapFit
 
@@ -147,3 +148,16 @@ def test_odds_are_those_of_the_likeliest_normal_prior(ratio, freedom):
 def test_odds_of_what_is_strong_are_the_criterion():
     assert odds(1e6, 3, 100) == pytest.approx(1e6 - 3.0 * np.log(100))
     assert odds(2.0, 4, 100) < 0.0
+
+
+def test_the_same_error_of_bodies_that_move_as_one_is_told_from_what_only_looks_like_it():
+    """Of another kind, or with a direction of its own, it is refitted by itself when the other is refused."""
+    rng = np.random.default_rng(3)
+    fit = stub(rng, 200, 3, np.ones(3))
+    columns = rng.standard_normal((200, 2))
+    first = only(fit, SHIFT, columns)
+    mixed = columns @ np.array([[2.0, 0.3], [-1.0, 5.0]])
+    assert is_same_error(first, only(fit, replace(SHIFT, location="next link"), mixed))
+    assert not is_same_error(first, only(fit, replace(SHIFT, shape="inertia"), mixed))
+    beside = np.column_stack([mixed[:, 0], mixed[:, 1] + 0.1 * rng.standard_normal(200)])
+    assert not is_same_error(first, only(fit, SHIFT, beside))

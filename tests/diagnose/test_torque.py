@@ -251,7 +251,7 @@ def test_errors_are_as_large_as_they_are_where_nobody_says_what_friction_is():
     unsure = rng.random((4000, 2)) < 0.1
     errors = rng.standard_normal((4000, 2)) * np.where(unsure, [4.0, 1.0], 1.0)
     found = Whitening.of(errors, (0, 0), np.zeros(2), unsure)
-    np.testing.assert_allclose(found.where_unsure, [4.0, 1.0], rtol=0.1)
+    np.testing.assert_allclose(found.larger_near_rest, [4.0, 1.0], rtol=0.1)
     white = found.apply(errors, unsure)
     for where in (unsure[found.order :], ~unsure[found.order :]):
         assert [white[where[:, j], j].std() for j in range(2)] == pytest.approx([1.0, 1.0], rel=0.1)

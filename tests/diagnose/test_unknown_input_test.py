@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.specification_tests import CHANCE, disturbances, unknown_input_tests
+from smsid.diagnose.specification_tests import CHANCE, disturbances, unknown_input_tests, with_unknown
+from smsid.diagnose.standing_causes import at_likeliest_noise
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.sensitivities import Sensitivity, propagate
 
@@ -40,3 +41,21 @@ def test_the_noisy_joint_is_named(known, problem, recording, joint):
     assert tests[0].dependence == CHANCE
     assert tests[0].p_value < 1e-6
     assert tests[0].ratio > 1.02 * tests[1].ratio
+
+
+def test_noise_of_unknown_inputs_is_told_by_its_likelihood(known, problem, recording):
+    """Noise that hides a joint's torque is far louder than what is wrong with it; so were intervals."""
+    model = known.point.base
+    column = list(model.arm_joints.names).index("joint2")
+    told, size = np.array(recording["command.joint_torque"]), 0.05
+    told[:, column] += size * np.random.default_rng(5).standard_normal(len(told))
+    noisy = replace(problem, recording=recording.with_channels({"command.joint_torque": told}))
+    found = fit(known.point, known.unknowns, noisy, iterations=3)
+    dof = int(model.arm_joints.v[column])
+    hidden = with_unknown(noisy, run=found.run, dofs=[dof], held=len(noisy.data.times))
+    loud = fit(found.point, known.unknowns, hidden, iterations=3)
+    quiet = at_likeliest_noise(loud)
+    ((_, before),), ((own, after),) = loud.problem.noise.more, quiet.problem.noise.more
+    assert own == dof and before > 30.0 * size
+    assert 0.5 * size < after < 2.0 * size
+    assert at_likeliest_noise(found) is found  # nothing is unknown

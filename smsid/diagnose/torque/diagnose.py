@@ -77,7 +77,7 @@ def diagnose_torques(
     last = found.last
     if not found.scores and not found.causes:
         raise RecordingError(f"'{together}' excites no candidate at all.", advice="Move the joints.")
-    left_over = float(np.linalg.norm(last.residual) / np.linalg.norm(last.equations.torque))
+    left_over = float(np.linalg.norm(found.values.residual) / np.linalg.norm(last.equations.torque))
     if left_over > THRESHOLDS.torque_foreign:
         raise RecordingError(
             f"Even with everything refitted, {100 * left_over:.0f} % of the torque is left unexplained.",
@@ -90,7 +90,7 @@ def diagnose_torques(
     left = [b for b in blocks if b.p_value * len(blocks) < LEVELS.block]
     open_ = {b.location for b in left}
     named = tuple(cause_of(found, c, shaped=not open_ & set(c.term.candidate.joints)) for c in found.causes)
-    extended, more = extended_description(last) if named else (description, ())
+    extended, more = extended_description(found.values) if named else (description, ())
     gained, reason = None, "no validation recording was given"
     if validation:
         try:
@@ -158,7 +158,7 @@ def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) ->
     ``shaped``: whether its shape may be claimed; not where its joint's equation still lacks something.
     """
     own = cause.term.candidate
-    values, sigma = found.last.term_values(cause.term)
+    values, sigma = found.values.term_values(cause.term)
     nominal = None
     if own.moves:
         values = values + moved_value(cause.term)
@@ -232,7 +232,7 @@ def torque_gain(found: TorqueSearch, recording: Recording) -> Gain:
     Raises:
         RecordingError: as `torque_equations`.
     """
-    nominal, last = found.nominal, found.last
+    nominal, last = found.nominal, found.values
     fits = {"given": nominal, "nominal": nominal, "extended": last}
     left: dict[str, np.ndarray] = {}
     equations = nominal.equations
@@ -243,7 +243,7 @@ def torque_gain(found: TorqueSearch, recording: Recording) -> Gain:
         )
         x = described_values(own) if name == "given" else fit.x
         left[name] = equations.torque - predict_torques(fit, equations, x)
-    white = {n: fits[n].whitening.apply(r, equations.unsure).ravel() for n, r in left.items()}
+    white = {n: fits[n].whitening.apply(r, equations.near_rest).ravel() for n, r in left.items()}
     rms = {n: float(np.sqrt(np.mean(w**2))) for n, w in white.items()}
     excess = {n: float(np.sum(w**2)) - w.size for n, w in white.items()}
     size = float(np.linalg.norm(equations.torque))

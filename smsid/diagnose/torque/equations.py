@@ -10,8 +10,8 @@ import numpy as np
 
 from smsid.arm.identify import rigid_arm, structural_base, torque_rows
 from smsid.arm.motion import ArmMotion, even_readings, joint_motion, measured_states
+from smsid.arm.near_rest import near_rest
 from smsid.description import Description
-from smsid.effects.friction_law import SMOOTHING
 from smsid.errors import RecordingError
 from smsid.identify.robust import white_sigma
 from smsid.model.identifiable import BaseParameters
@@ -95,22 +95,13 @@ class TorqueEquations:
         return self.turns[joint]
 
     @cached_property
-    def unsure(self) -> np.ndarray:
+    def near_rest(self) -> np.ndarray:
         """Whether a joint is so slow or turns round, within the reach of the low-pass, that no law says what
         its friction is (n, joints).
         """
         if self.parts:
-            return np.concatenate([p.unsure for p in self.parts])
-        v = self.motion.v
-        slow = np.abs(v) < SMOOTHING
-        slow[1:] |= np.sign(v[1:]) != np.sign(v[:-1])
-        out = np.zeros(self.torque.shape, dtype=bool)
-        for j, own in enumerate(slow.T):
-            instants = np.concatenate([[-np.inf], self.motion.time[own], [np.inf]])
-            after = np.searchsorted(instants, self.time)
-            near = np.minimum(instants[after] - self.time, self.time - instants[after - 1])
-            out[:, j] = near < 1.0 / self.band
-        return out
+            return np.concatenate([p.near_rest for p in self.parts])
+        return near_rest(self.motion.time, self.motion.v, self.time, 1.0 / self.band)
 
     def filtered(self, values: np.ndarray) -> np.ndarray:
         """Return values (N, ...) on the motion's instants low-passed to the instants of the equations."""

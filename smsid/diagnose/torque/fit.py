@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid.arm.regression import solve_joints
 from smsid.diagnose.torque.candidates import TorqueCandidate
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.diagnose.torque.whitening import Whitening, cluster_projections
@@ -109,7 +110,7 @@ class TorqueFit:
 
     def whitened(self, values: np.ndarray) -> np.ndarray:
         """Return torques (n, joints, d) whitened, with zeros for the priors: (rows + priors, d)."""
-        white = self.whitening.apply(values, self.equations.unsure)
+        white = self.whitening.apply(values, self.equations.near_rest)
         flat = white.reshape(-1, values.shape[2])
         return np.vstack([flat, np.zeros((len(self.left) - len(flat), flat.shape[1]))])
 
@@ -139,7 +140,7 @@ def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate
         if max(ranks) < len(residual) // 3:
             break
     scale = FLOOR * np.sqrt(np.mean(equations.torque**2, axis=0))
-    return Whitening.of(residual, ranks, scale, equations.unsure)
+    return Whitening.of(residual, ranks, scale, equations.near_rest)
 
 
 def _roughly(equations: TorqueEquations) -> np.ndarray:
@@ -174,6 +175,31 @@ def fit_torques(
     return _solve(equations, prior, tuple(terms), term_columns(equations, terms, load), whitening)
 
 
+def refit_as_identification(found: TorqueFit) -> TorqueFit:
+    """Return a fit with values and covariance by the weights that identification has, see `solve_joints`.
+
+    A search whitens its equations, to tell causes by small fast differences. What the model still lacks is
+    slow, and whitened equations give values that predict other recordings less well. ``left``, ``columns``
+    and ``basis`` stay the search's, whose tests they are for.
+
+    Raises:
+        NotIdentifiableError: the motion does not excite all combinations.
+    """
+    equations, load = found.equations, found.load
+    prior = None
+    if found.prior.known.any():
+        terms = len(found.x) - len(found.prior.mean)
+        mean = np.append(found.prior.mean, np.zeros(terms))
+        prior = mean, np.append(found.prior.sigma, np.full(terms, np.inf))
+    for _ in range(ROUNDS):
+        own = term_columns(equations, found.terms, load)
+        design = np.concatenate([equations.rows, equations.filtered(own)], axis=2)
+        solved = solve_joints(design, equations.torque, prior, near=equations.near_rest)
+        load = np.concatenate([equations.fine, own], axis=2) @ solved.x
+    residual = equations.torque - design @ solved.x
+    return replace(found, x=solved.x, covariance=solved.covariance, load=load, residual=residual)
+
+
 def term_columns(equations: TorqueEquations, terms: Sequence[TorqueTerm], load: np.ndarray) -> np.ndarray:
     """Return the terms' columns on the motion's instants (N, joints, parameters)."""
     parts = [t.candidate.columns(equations, load)[:, :, list(t.kept)] for t in terms]
@@ -185,8 +211,8 @@ def _stack_priors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened columns and torques with the priors' rows below."""
     k = design.shape[2]
-    columns = whitening.apply(design, equations.unsure).reshape(-1, k)
-    target = whitening.apply(equations.torque, equations.unsure).ravel()
+    columns = whitening.apply(design, equations.near_rest).reshape(-1, k)
+    target = whitening.apply(equations.torque, equations.near_rest).ravel()
     known = np.flatnonzero(prior.known)
     rows = np.zeros((len(known), k))
     rows[np.arange(len(known)), known] = 1.0 / prior.sigma[known]

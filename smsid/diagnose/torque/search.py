@@ -19,6 +19,7 @@ from smsid.diagnose.torque.fit import (
     fit_torques,
     learn_noise,
     moved_value,
+    refit_as_identification,
     with_equations,
 )
 from smsid.diagnose.torque.scores import (
@@ -55,10 +56,14 @@ class TorqueCause:
 
 @dataclass(frozen=True)
 class TorqueSearch:
-    """How a search ended: the fits without and with the causes, and the last scores, the best first."""
+    """How a search ended: the fits without and with the causes, and the last scores, the best first.
+
+    ``values`` is the last fit with values and covariance as identification has them.
+    """
 
     nominal: TorqueFit
     last: TorqueFit
+    values: TorqueFit
     causes: tuple[TorqueCause, ...]
     scores: tuple[TorqueScore, ...]
     candidates: int
@@ -114,7 +119,8 @@ def search_torques(
         causes, current = _backward_elimination(causes, current, recording, tried)
     scores = score_candidates(current, rest)
     causes = [c if c.term.candidate.moves else _beside_all(current, causes, c, candidates) for c in causes]
-    return TorqueSearch(nominal, current, tuple(causes), tuple(scores), tried)
+    values = refit_as_identification(current)
+    return TorqueSearch(nominal, current, values, tuple(causes), tuple(scores), tried)
 
 
 def _simplest(

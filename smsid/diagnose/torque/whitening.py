@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, f
 
+from smsid.arm.near_rest import variance_ratio
 from smsid.arm.regression import MOST_ORDER, autoregression
 from smsid.diagnose.thresholds import THRESHOLDS
 
 CLUSTERS = THRESHOLDS.torque_stretches
-FEW = THRESHOLDS.torque_unsure
 
 LEAST = 1e-12
 """Least standard deviation of an innovation [N m | N]: of a joint whose torque is nothing at all."""
@@ -26,38 +26,38 @@ LEAST = 1e-12
 @dataclass(frozen=True)
 class Whitening:
     """Coefficients (joints, order) of each joint's autoregression, ``sigma`` (joints,) of its innovations,
-    and by what that is larger where nobody says what friction is (joints,).
+    and by what that is larger near rest (joints,).
     """
 
     coefficients: np.ndarray
     sigma: np.ndarray
-    where_unsure: np.ndarray | float = 1.0
+    larger_near_rest: np.ndarray | float = 1.0
 
     @property
     def order(self) -> int:
         """Samples of the past that are looked at."""
         return self.coefficients.shape[1]
 
-    def apply(self, values: np.ndarray, unsure: np.ndarray) -> np.ndarray:
-        """Return values (n, joints, ...) whitened: (n - order, joints, ...); ``unsure`` (n, joints) is where
-        nobody says what friction is.
+    def apply(self, values: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """Return values (n, joints, ...) whitened: (n - order, joints, ...); ``near`` (n, joints) is where
+        joints are near rest.
         """
         p = self.order
         out = np.array(values[p:])
         shape = (1, -1) + (1,) * (values.ndim - 2)
         for k in range(p):
             out -= self.coefficients[:, k].reshape(shape) * values[p - 1 - k : len(values) - 1 - k]
-        sigma = self.sigma * np.where(unsure[p:], self.where_unsure, 1.0)
+        sigma = self.sigma * np.where(near[p:], self.larger_near_rest, 1.0)
         return out / sigma.reshape(*sigma.shape, *shape[2:])
 
     @classmethod
     def of(
-        cls, residual: np.ndarray, parameters: Sequence[int], floor: np.ndarray, unsure: np.ndarray
+        cls, residual: np.ndarray, parameters: Sequence[int], floor: np.ndarray, near: np.ndarray
     ) -> Whitening:
         """Return the whitening of residuals (n, joints) that ``parameters`` were fitted to, joint by joint.
 
         Orders by Bayes's criterion; innovations are no less than ``floor`` (joints,). Errors may be larger
-        where no law says what friction is, ``unsure`` (n, joints).
+        where joints are near rest, ``near`` (n, joints).
         """
         n, joints = residual.shape
         most = min(MOST_ORDER, max(n // 20, 0))
@@ -65,14 +65,11 @@ class Whitening:
         for j in range(joints):
             own = autoregression(residual[:, j], most)
             coefficients[j, : len(own)] = own
-        there = unsure[most:]
-        squares = cls(coefficients, np.ones(joints)).apply(residual, unsure) ** 2
+        there = near[most:]
+        squares = cls(coefficients, np.ones(joints)).apply(residual, near) ** 2
         squares *= n / np.maximum(n - np.asarray(parameters), n / 4)
         squares += floor**2 + LEAST**2
-        both = [(where.sum(axis=0), np.where(where, squares, 0.0).sum(axis=0)) for where in (there, ~there)]
-        (few, own), (many, others) = both
-        ratio = own * many / np.maximum(few * others, LEAST**2)
-        larger = np.where((few >= FEW) & (many >= FEW), np.maximum(ratio, 1.0), 1.0)
+        larger = variance_ratio(squares, there)
         variance = np.mean(squares / np.where(there, larger, 1.0), axis=0)
         return cls(coefficients, np.sqrt(variance), np.sqrt(larger))
 
