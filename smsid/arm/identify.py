@@ -108,6 +108,7 @@ def identify_arm(
     hold: Mapping[str, float] | None = None,
     without: Collection[str] = (),
     gain_sigma: Mapping[str, float] | None = None,
+    equal_errors: bool = False,
 ) -> ArmIdentification:
     """Identify the base parameters of a welded arm and its effects from motion and torque.
 
@@ -120,11 +121,12 @@ def identify_arm(
         recording: joint angles and torques, rates where measured; one recording or several, see
             `smooth_motion`.
         cutoff: up to where torques are compared [Hz]; by default as far as a few thousand equations go. The
-        motion
-            is smoothed at what its own data say.
+            motion is smoothed at what its own data say.
         hold: joints that did not move and were not measured, with their positions [rad | m].
         without: joints whose torque signals are not used, as their gain is not known.
         gain_sigma: relative standard deviations of the gains of torque signals, by joint, for the intervals.
+        equal_errors: take a joint's errors for as large near rest and at reversals as elsewhere, as published
+            studies do; by default they count as large as they are, see `smsid.arm.near_rest`.
 
     Raises:
         DescriptionError: not a welded arm, or an effect that does not enter torques linearly.
@@ -149,7 +151,7 @@ def identify_arm(
         torques = torques.only(np.broadcast_to(kept, torques.torque.shape))
     level = Level.of(model, motion, torques, tilt) if tilt else None
     built = time.perf_counter()
-    equations = solve_equations(model, motion, torques, base, level, doubt)
+    equations = solve_equations(model, motion, torques, base, level, doubt, equal_errors=equal_errors)
     shapes, torques, whole = equations.shapes, equations.torques, equations.regression
     count = len(base)
     solved = replace(whole, x=whole.x[:count], covariance=whole.covariance[:count, :count])

@@ -69,11 +69,14 @@ def solve_equations(
     base: BaseParameters,
     level: Level | None = None,
     gain_sigma: np.ndarray | None = None,
+    *,
+    equal_errors: bool = False,
 ) -> SolvedEquations:
     """Solve with the shapes of friction, the base's tilt and the lateness of angles free in the covariance.
 
     ``gain_sigma`` (nv,) are relative standard deviations of the gains that torques were found with. The load
-    that friction depends on is what is predicted: what is measured has noise.
+    that friction depends on is what is predicted: what is measured has noise. ``equal_errors``: as large near
+    rest as elsewhere.
     """
     load, described = torques.torque, torques
     tilt, late = level.own + FIRST if level else np.zeros(0), IN_STEP
@@ -84,7 +87,7 @@ def solve_equations(
     leaning, count = len(base) + tilt.size, len(base) + tilt.size + 1
     places = {torques.names[i]: k for k, i in enumerate(base.independent.tolist())}
     loaded = depends_on_load(model.description.effect)
-    near = blocks_near_rest(motion, torques.starts)
+    near = None if equal_errors else blocks_near_rest(motion, torques.starts)
     sizes: dict[str, float] = {}
     x = np.zeros(len(base))
     for k in range(ROUNDS):

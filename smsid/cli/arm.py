@@ -42,6 +42,7 @@ def identify_and_judge(
     usual: bool = False,
     friction: Sequence[str] = (),
     level: bool = False,
+    equal_errors: bool = False,
     passive: Sequence[str] = (),
     report: Path | None = None,
     inputs: Sequence[Path] = (),
@@ -56,7 +57,8 @@ def identify_and_judge(
     joints that do not move, see `smsid.arm.setup.held_joints`; no motor drives joints that the patterns
     ``passive`` fit, see `smsid.arm.readings.with_passive_joints`. With ``usual`` every joint gets friction,
     offset, and a rotor, or a spring if nothing drives it; ``friction`` names more laws, see
-    `smsid.arm.with_friction_laws`; with ``level`` gravity's direction is found as well. ``report``: an HTML
+    `smsid.arm.with_friction_laws`; with ``level`` gravity's direction is found as well; ``equal_errors``: as
+    `identify_arm` has it. ``report``: an HTML
     to write as well, with the sums of the files ``inputs``.
 
     Recordings of commands and encoders without torques are those of servos, see
@@ -98,6 +100,12 @@ def identify_and_judge(
             "The recordings hold no torque signals, but commands of servos: there is no gain to find.",
             advice="Leave --gains and --gain out.",
         )
+    if equal_errors and servos:
+        raise RecordingError(
+            "The recordings hold no torque signals, but commands of servos, whose errors are taken "
+            "for equally large anyway.",
+            advice="Leave --equal-errors out.",
+        )
     if gains:
         unknown = [j for j in held_joints(joints, gains, option="--gain") if j not in idle]
         description, recordings = with_signal_gears(description, recordings, joints)
@@ -109,7 +117,13 @@ def identify_and_judge(
             found = identify_servos(description, train, cutoff=cutoff, hold=held)
         else:
             found = identify_arm(
-                description, train, cutoff=cutoff, hold=held, without=untold, gain_sigma=gain_sigma
+                description,
+                train,
+                cutoff=cutoff,
+                hold=held,
+                without=untold,
+                gain_sigma=gain_sigma,
+                equal_errors=equal_errors,
             )
         judged = [(r.name, r.role, found.judge(r)) for r in recordings]
     save_estimate(found.estimate, output)

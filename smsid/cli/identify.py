@@ -125,6 +125,14 @@ def identify_command(
             "--level", help="welded arm: find gravity's direction as well, the base may not be level"
         ),
     ] = False,
+    equal_errors: Annotated[
+        bool,
+        typer.Option(
+            "--equal-errors",
+            help="welded arm: errors are as large near rest and at reversals as elsewhere, as published "
+            "studies take them; otherwise they count as large as they are",
+        ),
+    ] = False,
     modal: Annotated[
         Literal["smoother", "printed"] | None,
         typer.Option(
@@ -169,7 +177,7 @@ def identify_command(
         "--cad": cad is not None, "--states": states is not None, "--modal": modal is not None,
         "--find-tracked-point": find_tracked_point, "--tracked-point": tracked_point is not None,
         "--cutoff": cutoff is not None, "--gains": gains, "--gain": gain, "--hold": hold, "--rigid": rigid,
-        "--friction": friction, "--level": level, "--passive": passive,
+        "--friction": friction, "--level": level, "--equal-errors": equal_errors, "--passive": passive,
     }  # fmt: skip
     _check_options([option for option, value in given.items() if value], described.root, method)
     if tracked_point is not None:
@@ -182,8 +190,8 @@ def identify_command(
         judged = identify_and_judge(
             described, loaded, output, cutoff, gains=("*",) if gains else gain or (),
             hold=hold or (), usual=bare and not rigid, friction=friction or (), level=level,
-            passive=passive or (), report=report,
-            inputs=inputs, everything=show_all,
+            equal_errors=equal_errors, passive=passive or (), report=report, inputs=inputs,
+            everything=show_all,
         )  # fmt: skip
         document = {"estimate": json.loads(output.read_text(encoding="utf-8")), "torque_errors": judged}
         return CommandResult(document, [output, *([report] if report else [])])

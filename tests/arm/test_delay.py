@@ -134,6 +134,13 @@ def test_emps_gives_what_its_sliding_tells_and_published_values_are_near(tmp_pat
         assert all(abs(p.value - PUBLISHED[p.name]) < 2.1 * p.sigma for p in own)
 
 
+def test_emps_gives_the_published_values_where_errors_are_equally_large(tmp_path):
+    log = emps(FILES[0], "estimation")
+    arm = with_joint_effects(axis(tmp_path), ("slide",), *KINDS)
+    found = identify_arm(arm, log, equal_errors=True).estimate
+    assert [found[n].value for n in PUBLISHED] == pytest.approx(list(PUBLISHED.values()), rel=0.01)
+
+
 @pytest.mark.parametrize(("name", "other"), [FILES, FILES[::-1]])
 def test_the_other_recording_of_emps_is_predicted_better_than_by_hand(tmp_path, name, other):
     """0.043 up to 80 Hz before errors near rest counted as what they are, 0.070 by hand."""
