@@ -21,7 +21,7 @@ from scipy.signal import lfilter
 from smsid.diagnose.profiled_hypothesis import (
     ProfiledHypothesis,
     ResolvedHypothesis,
-    Settled,
+    ResolvedShape,
     Shape,
     best_shape,
     by_one,
@@ -233,7 +233,7 @@ class OscillatorHypothesis(ProfiledHypothesis):
         mass = max(float(own @ slope), 0.0) / max(float(own @ gram @ own), 1e-300)
         return mass * own, max(-float(best.fun), 0.0), values
 
-    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> ResolvedShape:
         """Return the mass on springs with the label's frequencies, where the first moment says."""
         omega, zeta, place = shape.label
         d = len(self.springs.moves)

@@ -13,13 +13,10 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, OscillatorHypothesis
-from smsid.diagnose.profiled_hypothesis import (
-    GravityGradientHypothesis,
-    Imbalance,
-    LeakHypothesis,
-    ThresholdHypothesis,
-)
+from smsid.diagnose.gravity_gradient_hypothesis import GravityGradientHypothesis
+from smsid.diagnose.profiled_hypothesis import Imbalance, LeakHypothesis
 from smsid.diagnose.score_test import Candidate, recast
+from smsid.diagnose.threshold_hypothesis import ThresholdHypothesis
 from smsid.diagnose.truncated_mode import HigherMode
 from smsid.effects.appendage import Appendage
 from smsid.effects.base import Effect, catalogue, known_effect

@@ -8,28 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 from scipy.optimize import minimize
 
-from smsid.diagnose.score_test import (
-    EXCITED,
-    Candidate,
-    Score,
-    changes_of,
-    least_squares,
-    odds,
-    parameter_of,
-    recast,
-)
-from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.effects.external import GravityGradient, TidalBodies
+from smsid.diagnose.score_test import EXCITED, Candidate, Score, least_squares, odds, parameter_of, recast
 from smsid.effects.payload import WheelImbalance, point_parameters
 from smsid.estimation.map_estimate import LeftColumns, MapFit, ProjectedColumns
 from smsid.estimation.parameter_vector import Unknown
-from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
-from smsid.simulate.trajectory import States
+from smsid.estimation.sensitivities import Sensitivities, Sensitivity
 
 FAR = 5.0  # [m] from the reference: further away nothing of a spacecraft sits
 
@@ -71,7 +59,7 @@ class Shape:
     label: Any
 
 
-Settled = tuple[ResolvedHypothesis, np.ndarray, np.ndarray, bool]
+ResolvedShape = tuple[ResolvedHypothesis, np.ndarray, np.ndarray, bool]
 """What a shape stands for, see `Searched.resolved`."""
 
 
@@ -83,7 +71,7 @@ class ProfiledHypothesis(Candidate):
         """Return the shapes, in the order of their columns."""
         raise NotImplementedError
 
-    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> ResolvedShape:
         """Return the candidate that coefficients (k,) of a shape's columns stand for.
 
         With it the derivatives (k, d) of the coefficients by its free parameters, per step; the estimate (d,)
@@ -180,7 +168,7 @@ class Imbalance(ProfiledHypothesis):
         """Return the one shape there is."""
         return (Shape((0, 1), None),)
 
-    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> ResolvedShape:
         """Return size and phase of two components."""
         assert self.effect is not None
         size, phase = float(np.hypot(*coefficients)), float(np.arctan2(coefficients[1], coefficients[0]))
@@ -275,170 +263,3 @@ def moments(mass: float, place: np.ndarray, columns: int) -> np.ndarray:
     by[0, 0], by[1:, 0] = 1.0, place
     by[1:, 1:] = mass * np.eye(d)
     return by[:columns]
-
-
-IDLE = 1e-6  # [of the motion's unit] of what does not move
-
-
-@dataclass(frozen=True)
-class ThresholdHypothesis(ProfiledHypothesis):
-    """A strength, ``free``, that acts beyond or below a threshold which the recording has to tell.
-
-    The threshold is the parameter ``field``: the torque that crosses a gap, the rate below which a wheel
-    sticks, the room a slosh mass has. It is tried at ``shares`` of the rms of what it is compared with: of
-    the states' ``motion`` (torque, rate, place), the coordinates from ``first`` up to, not with, ``last``.
-    """
-
-    field: str = ""
-    shares: tuple[float, ...] = ()
-    motion: Literal["tau", "v", "q"] = "tau"
-    first: int = 0
-    last: int = 1
-
-    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
-        """Return the derivatives by the strength, per step, at each threshold."""
-        mine = self.instance(changes.point)
-        strength = next(p.value for p in mine.parameters() if p.name == self.free[0])
-        found = []
-        for threshold in self._thresholds(changes):
-            plain = mine.model_copy(update={self.field: threshold})
-            more = plain.with_values({self.free[0]: strength + self.steps[0]})
-            found += self._joint_torques(plain, changes) or [changes.effect(plain, more, 1.0)]
-        return found
-
-    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
-        """Return the score at the threshold that explains most."""
-        shapes = [Shape((k,), t) for k, t in enumerate(self._thresholds(found.changes))]
-        return best_shape(self, found, own, shapes)
-
-    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
-        """Return the strength at the threshold that is the shape's label, known no better than that."""
-        assert self.effect is not None
-        prior = {**self.effect.prior, self.field: shape.label}
-        effect = self.effect.model_copy(update={self.field: shape.label, "prior": prior})
-        own = recast(ResolvedHypothesis, self, {"effect": effect})
-        return own, np.eye(1), coefficients, float(coefficients[0]) > 0.0
-
-    def _thresholds(self, changes: Sensitivities) -> list[float]:
-        motion = getattr(changes.run.states, self.motion)[:, self.first : self.last]
-        size = float(np.sqrt(np.mean((motion**2).sum(axis=1))))
-        return [max(s * size, IDLE) for s in self.shares]
-
-
-NORMALS = 8  # directions of the orbit's normal that are tried then
-DIRECTIONS = 100  # of the vertical, over half a sphere
-SMALL = 1e-5  # [rad] step of a difference
-
-
-def _fields() -> np.ndarray:
-    """Orthonormal symmetric matrices (5, 3, 3) without trace."""
-    off = [
-        np.outer(a, b) + np.outer(b, a) for a, b in zip(np.eye(3), np.roll(np.eye(3), 1, axis=0), strict=True)
-    ]
-    plain = [np.diag([1.0, -1.0, 0.0]), np.diag([1.0, 1.0, -2.0])]
-    return np.array([m / np.linalg.norm(m) for m in (*off, *plain)])
-
-
-FIELDS = _fields()
-
-
-def coefficients(vertical: np.ndarray) -> np.ndarray:
-    """Return the field ``3 r r' - 1`` of a vertical (3,) of any length in terms of `FIELDS` (5,)."""
-    r = vertical / np.linalg.norm(vertical)
-    return np.einsum("kij,i,j->k", FIELDS, 3.0 * r, r)
-
-
-@dataclass(frozen=True)
-class GravityGradientHypothesis(Candidate):
-    """A gravity gradient; ``free`` are the gradient and the rotation vector of its orbit."""
-
-    def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:
-        """Return the derivatives by the field's five coefficients, per step of the gradient."""
-        bodies = TidalBodies(changes.model.pin)
-
-        def along(states: States) -> np.ndarray:
-            return self.steps[0] * bodies.tide(states.q, FIELDS)
-
-        middle, at = along(changes.run.middle), along(changes.run.states)
-        return [Sensitivity(middle[:, k], at[:, k]) for k in range(len(FIELDS))]
-
-    def scored(self, found: MapFit, own: ProjectedColumns) -> Score:
-        """Return the score of the vertical that explains most, and where the motion tells, of its turning."""
-        own_effect = cast(GravityGradient, self.effect)
-        gram, slope = own.gram, own.slope
-
-        def worth(vertical: np.ndarray) -> float:
-            x = coefficients(vertical)
-            return -(max(float(x @ slope), 0.0) ** 2) / max(float(x @ gram @ x), 1e-300)
-
-        starts = sorted(_half_sphere(DIRECTIONS), key=worth)[:2]
-        vertical = min((minimize(worth, s, method="Nelder-Mead") for s in starts), key=lambda r: r.fun).x
-        vertical /= np.linalg.norm(vertical)
-        x = coefficients(vertical)
-        size = float(x @ slope) / max(float(x @ gram @ x), 1e-300)
-        ratio = max(size, 0.0) * float(x @ slope)
-        normals = _square_to(vertical, NORMALS)
-        effects = [
-            own_effect.model_copy(update={"nadir": tuple(vertical.tolist()), "normal": tuple(n.tolist())})
-            for n in normals
-        ]
-        effect = (
-            effects[0]
-            if ratio < THRESHOLDS.vertical_seen
-            else self._best_turning_vertical(found, effects, size * self.steps[0])
-        )
-        moved = [np.cross(h, vertical) for h in SMALL * np.eye(3)]
-        ends = [coefficients(vertical + d) - coefficients(vertical - d) for d in moved]
-        turned = [size * d / (2.0 * SMALL) for d in ends]
-        by = np.column_stack([x, *(c * s for c, s in zip(turned, self.steps[1:], strict=True))])
-        raw = np.einsum("ij,ij->j", own.columns @ by, own.columns @ by)
-        _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
-        freedom = min(3, int((values > EXCITED).sum()))  # about itself, a vertical does not turn
-        estimate = np.array([size, 0.0, 0.0, 0.0])
-        excited = float(np.sort(values)[-3]) if freedom == 3 else 0.0
-        settled = recast(ResolvedHypothesis, self, {"effect": effect})
-        shown = LeftColumns(found, own.columns, by)
-        return Score(settled, ratio, freedom, estimate, covariance, excited, shown, own.taken @ by)
-
-    def _best_turning_vertical(
-        self, found: MapFit, effects: Sequence[GravityGradient], gradient: float
-    ) -> GravityGradient:
-        """Return the effect whose vertical turns as explains most, at a gradient [1/s^2]."""
-        changes = [
-            self._turning_sensitivity(found, e.model_copy(update={"gradient": gradient})) for e in effects
-        ]
-        (own,) = found.projected([propagate(found.run, changes).reshape(-1, len(effects))])
-        return effects[int(np.argmin(own.gram.diagonal() - 2.0 * own.slope))]
-
-    def _turning_sensitivity(self, found: MapFit, effect: GravityGradient) -> Sensitivity:
-        """Return what a field does whose vertical turns: what the parts do, as much of each as there is."""
-        size, run, parts = effect.gradient / self.steps[0], found.run, changes_of(found, self)
-        middle = np.stack([c.middle for c in parts if c.middle is not None])
-        at = np.stack([c.at for c in parts if c.at is not None])
-        return Sensitivity(
-            size * np.einsum("nk,knv->nv", over_time(effect, run.middle.time), middle),
-            size * np.einsum("nk,knv->nv", over_time(effect, run.states.time), at),
-        )
-
-
-def over_time(effect: GravityGradient, times: np.ndarray) -> np.ndarray:
-    """Return the field over its gradient at times (N,) in terms of `FIELDS`: (N, 5)."""
-    down, ahead = effect.vertical(0.0), effect.vertical(0.5 * np.pi / effect.rate)
-    angle = effect.rate * times[:, None]
-    r = np.cos(angle) * down + np.sin(angle) * ahead
-    return np.einsum("kij,ni,nj->nk", FIELDS, 3.0 * r, r)
-
-
-def _half_sphere(n: int) -> np.ndarray:
-    """Return n directions (n, 3) spread evenly over half a sphere: a vertical up or down is the same."""
-    k = np.arange(n) + 0.5
-    z, angle = k / n, np.pi * (1.0 + 5.0**0.5) * k
-    return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z])
-
-
-def _square_to(vertical: np.ndarray, n: int) -> np.ndarray:
-    """Return n directions (n, 3) around a vertical (3,), square to it."""
-    first = np.cross(vertical, np.eye(3)[np.argmin(np.abs(vertical))])
-    first /= np.linalg.norm(first)
-    angle = 2.0 * np.pi * np.arange(n)[:, None] / n
-    return np.cos(angle) * first + np.sin(angle) * np.cross(vertical, first)

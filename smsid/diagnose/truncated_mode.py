@@ -19,7 +19,7 @@ from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, reaction_
 from smsid.diagnose.profiled_hypothesis import (
     ProfiledHypothesis,
     ResolvedHypothesis,
-    Settled,
+    ResolvedShape,
     Shape,
     best_shape,
 )
@@ -120,7 +120,7 @@ class HigherMode(ProfiledHypothesis):
         """Return every frequency of the first grid."""
         return tuple(Shape((i,), (float(f), self._coarse)) for i, f in enumerate(OFF))
 
-    def resolved(self, shape: Shape, coefficients: np.ndarray) -> Settled:
+    def resolved(self, shape: Shape, coefficients: np.ndarray) -> ResolvedShape:
         """Return the mode with the label's frequency and damping, and how much of it there is."""
         off, zeta = shape.label
         effect = BeamMode(

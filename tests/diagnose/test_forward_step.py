@@ -109,7 +109,7 @@ def world(monkeypatch):
     monkeypatch.setattr(InflatedFit, "explained", lambda fitted, columns, estimate: columns)
     for name, stub in {
         "signatures": signatures,
-        "scored": scored,
+        "score_candidates": scored,
         "accept": accept,
         "recompute_evidence": recompute_evidence,
         "refit_noise": refitted,

@@ -45,7 +45,7 @@ def asked(monkeypatch):
         "unknown_structures": unknown,
         "with_levels": levels,
         "refine_steps": lambda fit: asked.refined.append(fit) or fit,
-        "State": lambda fitted, candidates, *_, **known: (fitted.unknown, candidates, known),
+        "SearchState": lambda fitted, candidates, *_, **known: (fitted.unknown, candidates, known),
     }.items():
         monkeypatch.setattr(stepwise, name, stub)
     return asked

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.hypotheses import CROSSED, propose
-from smsid.diagnose.profiled_hypothesis import ThresholdHypothesis
 from smsid.diagnose.score_test import score_candidates, signatures
+from smsid.diagnose.threshold_hypothesis import ThresholdHypothesis
 from smsid.diagnose.verdict import values
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate

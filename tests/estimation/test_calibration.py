@@ -17,9 +17,19 @@ from smsid.estimation.prior_conflict import conflict_of
 from smsid.estimation.problem import UnknownInput
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum_regression import regress
+from smsid.kernel.jit import available
 from smsid.likelihood.combinations import Combination
 
 
+@pytest.fixture(params=["plain", "compiled"])
+def either_filter(request, monkeypatch):
+    """Run the filter in numpy, then in compiled code, whichever is there already."""
+    if request.param == "compiled" and not available():
+        pytest.skip("numba is not installed")
+    monkeypatch.setattr("smsid.estimation.filter_pass.compiled_pays", lambda: request.param == "compiled")
+
+
+@pytest.mark.usefixtures("either_filter")
 def test_the_likelihood_is_the_density_of_the_readings(known, problem):
     """Of one sample, whose covariance is known by hand: what is believed of the state, and the noise."""
     model = known.point.model()
@@ -34,6 +44,7 @@ def test_the_likelihood_is_the_density_of_the_readings(known, problem):
     assert run.log_likelihood == pytest.approx(density + 0.5 * len(there) * np.log(2.0 * np.pi), rel=1e-6)
 
 
+@pytest.mark.usefixtures("either_filter")
 def test_what_drives_unseen_wanders_as_it_is_said_to(known, problem):
     """Without a reading, the variance of an unknown torque is that at the start and its walk's since."""
     unknown = UnknownInput(3, 0.2, 0.05)
