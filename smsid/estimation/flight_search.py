@@ -93,7 +93,7 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     """Return the maximum of the model as it is, near a point."""
     if tell is not None:
         tell("search with the model as it is")
-    unrecorded = any(f.problem.profiled for f in flights)
+    followed = any(f.problem.profiled for f in flights)
     flights = with_mean_torques(flights)
     found, visited = maximise(point, unknowns, flights, tell=tell)
     acting = [as_commands_act(found.point, unknowns, f, has_converged(found)) for f in flights]
@@ -106,7 +106,7 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
             visited += more
     found, flights, more = finely_stepped(found, flights, tell)
     visited += more
-    if unrecorded and are_told_by_torques(found, flights):
+    if followed and are_told_by_torques(found, flights):
         likeliest = with_mean_torques(flights, mean=False)
         try:
             better, more = settled_maximum(

@@ -23,7 +23,8 @@ def followed_torques(
 ) -> list[UnknownInput]:
     """Return the torques of degrees of freedom (k,) that are ``followed``, as lively as their motion says.
 
-    On top of a recorded command they are random walks, by guess.
+    On top of a recorded command they are random walks, by guess: the command is where they wander about, no
+    evidence that they stay near it.
     """
     found: list[UnknownInput] = []
     inputs, times = input_channels(model, recording), data.times

@@ -146,7 +146,7 @@ def log_likelihood_of(point: Point, flights: Sequence[Flight]) -> float:
 
 def log_determinant_of(point: Point, flights: Sequence[Flight]) -> float:
     """Return what of the log-likelihood at a point is by the volume of the innovations alone, in recordings
-    with torques that nobody recorded.
+    whose joints or wheels follow their measured motion.
 
     Raises `SimulationError` where a filter loses its recording.
     """

@@ -169,16 +169,17 @@ class Problem:
     def profiled(self) -> bool:
         """Whether parameters are compared by the likelihood at the likeliest torques, not in the mean of all.
 
-        So where joints or wheels follow their measured motion and no command is recorded. How torques may
-        wander is a guess, and in the mean over what such a prior allows inertias seem larger or smaller, as
-        in a regression on a measured variable: noise is taken for motion. At the likeliest torques they do
-        not: that is the total least squares of Golub and Van Loan, SIAM J. Numer. Anal. 17 (1980) 883. Where
-        the model may err, too, noise is no measured motion's alone; and along what no torque has moved, there
-        is nothing but noise to compare, which makes inertias as small as it likes: see
-        `smsid.estimation.unrecorded_torques`.
+        So where joints or wheels follow their measured motion, beside a recorded command or without one. How
+        torques may wander is a guess, and in the mean over what such a prior allows inertias seem larger or
+        smaller, and a panel faster or slower, as in a regression on a measured variable: noise is taken for
+        motion. At the likeliest torques they do not: that is the total least squares of Golub and Van Loan,
+        SIAM J. Numer. Anal. 17 (1980) 883. A command is where torques wander about, no evidence for its own
+        scale or for that of the readings. Where the model may err, too, noise is no measured motion's alone;
+        and along what no torque has moved, there is nothing but noise to compare, which makes inertias as
+        small as it likes: see `smsid.estimation.unrecorded_torques`.
         """
-        unrecorded = any(u.row >= 0 and not u.motor for u in self.unknown_inputs)
-        return unrecorded and not self.noise.more and not self.averaged
+        followed = any(u.row >= 0 for u in self.unknown_inputs)
+        return followed and not self.noise.more and not self.averaged
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""
