@@ -157,9 +157,11 @@ class SearchState:
             self._score_again(reached.run)
         if not self.causes or (len(self.causes) == 1 and not self._finer):
             return
+        # beside an unknown structure, what a rival gives the bus is hidden: nothing speaks against it
+        told = not (self.fitted.misfit or self.fitted.unknown)
         self.causes, found = exchange_step(
             self.causes, self.current, self.nominal, self.candidates, self.levels,
-            exchange=not self.fitted.misfit, last_too=self._finer, settled=self._settled,
+            exchange=told, last_too=self._finer, settled=self._settled,
         )  # fmt: skip
         self.take(found)
 

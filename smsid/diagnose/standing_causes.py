@@ -24,8 +24,8 @@ from smsid.estimation.map_estimate import MapFit, fit
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-STEP = 10.0**0.5  # between noises of unknown inputs that are compared
-QUIETEST = 1e-6  # of the noise that hides them
+NOISE_STEP = 10.0**0.5  # between noises of unknown inputs that are compared
+QUIETEST_INPUT = 1e-6  # of the noise that hides them
 
 
 def find_standing_causes(
@@ -49,7 +49,7 @@ def find_standing_causes(
     last, lost = rest
     mostly = found.misfit and found.followed >= THRESHOLDS.mostly
     there = [any(is_at(told.location, place) for place in lost.values()) for told in named]
-    likeliest = at_likeliest_noise(last)
+    likeliest = fit_noise_of_unknown_inputs(last)
     stand = [
         not impossible(told)
         and all((a.location, a.family) == (told.location, told.family) for a in told.aliases)
@@ -69,7 +69,7 @@ def find_standing_causes(
     return by, tuple(told if yes else None for yes, told in zip(stand, own, strict=True))
 
 
-def at_likeliest_noise(found: MapFit) -> MapFit:
+def fit_noise_of_unknown_inputs(found: MapFit) -> MapFit:
     """Return a fit with the noise of its unknown inputs, all together, as large as is likeliest.
 
     To hide what is unknown it is louder than that; standard deviations of what goes with it would be as much
@@ -86,11 +86,11 @@ def at_likeliest_noise(found: MapFit) -> MapFit:
     try:
         best, by = found.run.log_likelihood, 1.0
         model = found.point.model()
-        while by > QUIETEST:
-            tried = run_filter(model, at_point(found.point, quieter(by / STEP))).log_likelihood
+        while by > QUIETEST_INPUT:
+            tried = run_filter(model, at_point(found.point, quieter(by / NOISE_STEP))).log_likelihood
             if tried <= best:
                 break
-            best, by = tried, by / STEP
+            best, by = tried, by / NOISE_STEP
         if by == 1.0:
             return found
         LOGGER.info("unknown inputs are likeliest %.3g times as loud", by)

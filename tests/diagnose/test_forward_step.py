@@ -299,6 +299,25 @@ def test_further_parameters_that_misfit_hides_are_freed_where_all_is_followed_th
         assert (found.point, found.unknowns, found.problem.data) == ("turned", "more", noise)
 
 
+@pytest.mark.parametrize(
+    ("misfit", "unknown", "told"), [(False, "", True), (True, "", False), (False, "panel", False)]
+)
+def test_rivals_take_a_place_only_where_all_they_do_is_seen(world, monkeypatch, misfit, unknown, told):
+    """A motor's gain is no better than its tachometer's scale because what it gives the bus is hidden."""
+    state, _ = world
+    state.forward_step(), state.forward_step()
+    calls = []
+
+    def exchange_step(causes, last, *_, exchange, **__):
+        calls.append(exchange)
+        return causes, last
+
+    monkeypatch.setattr(rounds, "exchange_step", exchange_step)
+    state._finer, state.fitted = True, replace(state.fitted, misfit=misfit, unknown=unknown)
+    state.close()
+    assert calls == [told]
+
+
 @pytest.mark.parametrize(("finer", "judged"), [(True, [True]), (False, [])])
 def test_the_only_cause_is_judged_again_where_the_noise_is_finer(world, monkeypatch, finer, judged):
     state, asked = world

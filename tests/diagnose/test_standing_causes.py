@@ -49,7 +49,7 @@ def stands(monkeypatch):
             ),
             "chance_of_nothing": lambda *_: chi2.sf(ratio, 1),
             "without_cause": lambda *_: None,
-            "at_likeliest_noise": lambda rest: rest,
+            "fit_noise_of_unknown_inputs": lambda rest: rest,
             "each_may_be_zero": lambda _, candidate: candidate.location == nothing,
             "own_component_left": lambda _, c: left if c.score.candidate.location == "joint2" else "",
             "replace": lambda found, **new: SimpleNamespace(**{**vars(found), **new}),

@@ -24,7 +24,8 @@ from smsid.effects import JointFriction
 from smsid.export import export_folder
 from smsid.model import build_model
 from smsid.recording import Recording, save_recording
-from tests.diagnose.torque_world import CASES, JOINTS, RATE, Case, described, on, recorded
+from tests.diagnose import torque_world
+from tests.diagnose.torque_world import CASES, JOINTS, RATE, Case, described, motion, on, recorded
 
 
 def rubbed(q, v, a, load):
@@ -275,6 +276,25 @@ def test_friction_that_lags_at_reversals_bends_no_delay():
     values = {p.name: p.value for c in diagnose(described(), [log]).diagnosis.causes for p in c.parameters}
     assert values["time_offset_encoder.offset"] == pytest.approx(-0.003, abs=1e-4)
     assert values["joint_friction_joint3.coulomb"] > 0.94 * size[2]
+
+
+def test_combinations_that_no_motion_excites_take_no_values_away(monkeypatch):
+    """One joint of three moves: its friction is told all the same."""
+
+    def alone(seconds, rng):
+        t, *moving = motion(seconds, rng)
+        for x in moving:
+            x[:, 1:] *= 1e-12
+        return t, *moving
+
+    monkeypatch.setattr(torque_world, "motion", alone)
+    log = recorded(lambda q, v, a, load: 30.0 * v + 8.0 * np.tanh(v / 0.005), seed=1)
+    result = diagnose(described(), [log]).diagnosis
+    values = {p.name: p for c in result.causes for p in c.parameters}
+    assert result.verdict == "explained", result.sentence
+    for name, true in (("viscous", 30.0), ("coulomb", 8.0)):
+        own = values[f"joint_friction_joint1.{name}"]
+        assert abs(own.value - true) < 3.0 * own.sigma < 0.1 * true
 
 
 def test_robust_p_values_are_calibrated_where_plain_ones_are_not():

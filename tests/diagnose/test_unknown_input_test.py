@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.diagnose.specification_tests import CHANCE, disturbances, unknown_input_tests, with_unknown
-from smsid.diagnose.standing_causes import at_likeliest_noise
+from smsid.diagnose.standing_causes import fit_noise_of_unknown_inputs
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.sensitivities import Sensitivity, propagate
 
@@ -54,8 +54,8 @@ def test_noise_of_unknown_inputs_is_told_by_its_likelihood(known, problem, recor
     dof = int(model.arm_joints.v[column])
     hidden = with_unknown(noisy, run=found.run, dofs=[dof], held=len(noisy.data.times))
     loud = fit(found.point, known.unknowns, hidden, iterations=3)
-    quiet = at_likeliest_noise(loud)
+    quiet = fit_noise_of_unknown_inputs(loud)
     ((_, before),), ((own, after),) = loud.problem.noise.more, quiet.problem.noise.more
     assert own == dof and before > 30.0 * size
     assert 0.5 * size < after < 2.0 * size
-    assert at_likeliest_noise(found) is found  # nothing is unknown
+    assert fit_noise_of_unknown_inputs(found) is found  # nothing is unknown

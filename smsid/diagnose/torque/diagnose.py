@@ -27,6 +27,8 @@ from smsid.identify.estimate import Estimate
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 
+UNEXCITED = ("values are by whitened equations: not all combinations are known or excited",)
+
 
 def torques_were_measured(description: Description, recording: Recording) -> bool:
     """Whether a recording is one of a welded arm whose torques were measured and not commanded."""
@@ -123,6 +125,7 @@ def diagnose_torques(
             f"residual: measured torque minus the model's at the measured motion; motion low-passed at "
             f"{equations.motion.cutoff:.4g} Hz, torques compared up to {equations.band:.4g} Hz",
             "noise: what no candidate at all explains, an autoregression per joint",
+            *(UNEXCITED if found.values is last else ()),
             *_urdf_friction(equations),
             *notes,
             *more,

@@ -180,24 +180,30 @@ def refit_as_identification(found: TorqueFit) -> TorqueFit:
 
     A search whitens its equations, to tell causes by small fast differences. What the model still lacks is
     slow, and whitened equations give values that predict other recordings less well. ``left``, ``columns``
-    and ``basis`` stay the search's, whose tests they are for.
-
-    Raises:
-        NotIdentifiableError: the motion does not excite all combinations.
+    and ``basis`` stay the search's, whose tests they are for. Combinations that no motion excites stay
+    nothing, as there; where some are known beforehand and others are not excited, the fit is returned.
     """
-    equations, load = found.equations, found.load
-    prior = None
-    if found.prior.known.any():
+    size = np.linalg.norm(found.columns, axis=0)
+    size[size == 0.0] = 1.0
+    _, singular, vt = np.linalg.svd(found.columns / size, full_matrices=False)
+    excited, prior = np.eye(len(size)), None
+    if singular[-1] <= RANK * singular[0]:
+        if found.prior.known.any():
+            return found
+        excited = vt[singular > RANK * singular[0]].T / size[:, None]
+    elif found.prior.known.any():
         terms = len(found.x) - len(found.prior.mean)
         mean = np.append(found.prior.mean, np.zeros(terms))
         prior = mean, np.append(found.prior.sigma, np.full(terms, np.inf))
+    equations = found.equations
     for _ in range(ROUNDS):
-        own = term_columns(equations, found.terms, load)
+        own = term_columns(equations, found.terms, found.load)
         design = np.concatenate([equations.rows, equations.filtered(own)], axis=2)
-        solved = solve_joints(design, equations.torque, prior, near=equations.near_rest)
-        load = np.concatenate([equations.fine, own], axis=2) @ solved.x
-    residual = equations.torque - design @ solved.x
-    return replace(found, x=solved.x, covariance=solved.covariance, load=load, residual=residual)
+        solved = solve_joints(design @ excited, equations.torque, prior, near=equations.near_rest)
+        x, every = excited @ solved.x, np.concatenate([equations.fine, own], axis=2)
+        covariance, residual = excited @ solved.covariance @ excited.T, equations.torque - design @ x
+        found = replace(found, x=x, covariance=covariance, load=every @ x, residual=residual)
+    return found
 
 
 def term_columns(equations: TorqueEquations, terms: Sequence[TorqueTerm], load: np.ndarray) -> np.ndarray:
