@@ -125,7 +125,7 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
     monkeypatch.setattr("smsid.diagnose.stepwise.with_levels", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.stepwise.coarse_cause", lambda *_: None)
     monkeypatch.setattr("smsid.diagnose.score_test.Score.p_value", 1e-9)
-    other = replace(score.candidate, location="elsewhere")
+    other = replace(score.candidate, location="elsewhere", shape="another")  # else it is the same error
     found = search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate, other])
     assert len(tried) == 4
     assert {*tried[:2]} == {*tried[2:]} == {score.candidate.key, other.key}
