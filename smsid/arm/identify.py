@@ -173,6 +173,8 @@ def identify_arm(
     done = time.perf_counter()
     notes += [*doubts, *motion_notes(model, motion, torques, solved)]
     notes += [*shape_notes(shapes), *delay_note(equations.delay)]
+    if equal_errors:
+        notes.append("errors near rest were taken for as large as elsewhere, as was asked")
     estimate = Estimate(
         description=description.name,
         method="torque least squares",

@@ -25,7 +25,6 @@ from smsid.model.spacecraft import SpacecraftModel
 LOGGER = logging.getLogger(__name__)
 T = TypeVar("T", bound="Candidate")
 EXCITED = THRESHOLDS.excited
-SAME = 0.9999  # correlation above which columns are the same
 NOTHING = 1e-18  # share of the most that a parameter of a candidate tells, below which it does nothing
 
 
@@ -373,7 +372,7 @@ def is_same_error(first: Score, second: Score) -> bool:
     if (kind, shape) != (its_kind, its_shape) or first.freedom != second.freedom:
         return False
     alike = _canonical_correlations(first, second)
-    return len(alike) >= first.freedom and float(alike.min(initial=1.0)) > SAME
+    return len(alike) >= first.freedom and float(alike.min(initial=1.0)) > THRESHOLDS.same
 
 
 def _canonical_correlations(first: Score, second: Score) -> np.ndarray:

@@ -105,6 +105,7 @@ class DetectionThresholds:
     torque_foreign: float = _row(0.7, "of the torque", "measured torques: as `foreign`")
     torque_causes: int = _row(6, "1", "measured torques: most causes of a joint")
     torque_stretches: int = _row(40, "1", "of time, whose errors are taken for independent")
+    same: float = _row(0.9999, "correlation", "above which candidates of one kind are one error, tried once")
     cosines: int = _row(COSINES, "1", "slowest, that errors beside misfit are judged by", "simulated errors")
     poorly_known: float = _row(0.02, "of the value", "standard deviation above which a profile is followed")
     more_likely: float = _row(0.3, "log-posterior", "above which a point of a profile is a better maximum")

@@ -19,13 +19,13 @@ from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
 from smsid.estimation.inertial_combinations import reported_parameters
+from smsid.estimation.likeliest_torques import are_told_by_torques, with_mean_torques
 from smsid.estimation.loosening import FIRST_SHARE, SHARE_RATIO, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.trust_region import bounded_step, predicted_gain
-from smsid.estimation.unrecorded_torques import are_told_by_torques, with_mean_torques
 from smsid.likelihood.search import GROSS
 
 LOGGER = logging.getLogger(__name__)

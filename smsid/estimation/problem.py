@@ -176,7 +176,7 @@ class Problem:
         SIAM J. Numer. Anal. 17 (1980) 883. A command is where torques wander about, no evidence for its own
         scale or for that of the readings. Where the model may err, too, noise is no measured motion's alone;
         and along what no torque has moved, there is nothing but noise to compare, which makes inertias as
-        small as it likes: see `smsid.estimation.unrecorded_torques`.
+        small as it likes: see `smsid.estimation.likeliest_torques`.
         """
         followed = any(u.row >= 0 for u in self.unknown_inputs)
         return followed and not self.noise.more and not self.averaged

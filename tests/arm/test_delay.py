@@ -122,7 +122,7 @@ def told_by_sliding(log: Recording) -> list[float]:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_emps_gives_what_its_sliding_tells_and_published_values_are_near(tmp_path, name):
+def test_emps_gives_what_its_sliding_tells(tmp_path, name):
     log = emps(name, "estimation")
     found = identify_arm(with_joint_effects(axis(tmp_path), ("slide",), *KINDS), log)
     own = [found.estimate[n] for n in PUBLISHED]
@@ -130,14 +130,13 @@ def test_emps_gives_what_its_sliding_tells_and_published_values_are_near(tmp_pat
     for p, x, share in zip(own, hand, (0.005, 0.025, 0.025, 0.05), strict=True):
         assert p.value == pytest.approx(x, rel=share)
     assert found.delay.value == pytest.approx(delay, abs=5e-5)
-    if name == FILES[0]:  # which is what they are of; with the near rest in them, they have errors, too
-        assert all(abs(p.value - PUBLISHED[p.name]) < 2.1 * p.sigma for p in own)
 
 
 def test_emps_gives_the_published_values_where_errors_are_equally_large(tmp_path):
     log = emps(FILES[0], "estimation")
     arm = with_joint_effects(axis(tmp_path), ("slide",), *KINDS)
     found = identify_arm(arm, log, equal_errors=True).estimate
+    assert any("near rest" in note for note in found.notes)
     assert [found[n].value for n in PUBLISHED] == pytest.approx(list(PUBLISHED.values()), rel=0.01)
 
 
