@@ -82,7 +82,7 @@ def _with_likely_walks(point: Point, flight: Flight) -> Flight:
     the more of a torque's step is told by its mean, the less it costs that it could have been larger. A model
     that may err (`loosen_model`) is another guess, beside which it tells nothing.
     """
-    if flight.problem.noise.more or all(u.row < 0 for u in flight.problem.unknown_inputs):
+    if flight.problem.noise.accelerations or all(u.row < 0 for u in flight.problem.unknown_inputs):
         return flight
     data = flight.problem.data.first(MOST_SAMPLES)
 

@@ -32,6 +32,7 @@ LOGGER = logging.getLogger(__name__)
 NEAR_GAIN = 4.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
 LITTLE_ERROR = 1e-3  # share by which a model errs from where on a strict search is near enough
 ASTRAY_ERROR = 0.03  # share of what drives the motion, by which a model errs at best that does not follow
+GUESS_ERROR = 0.3  # share by which a described effect is off, as is believed while its model may err
 WIDE_ATTITUDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 
 Tell = Callable[[str], None]
@@ -67,7 +68,10 @@ def _approach(
     Far from the maximum, a model that may err has a likelihood without the many maxima of one that may not.
     It errs by the share of what drives it that is likeliest at the point, which every search lowers: one that
     is begun with much less than what is left of errors, begins beyond what its quadratic form holds for.
+    Beside such errors little is told of hidden masses and springs, which would run after them: they stay near
+    where they are described, as long as nothing tells otherwise.
     """
+    unknowns = [_as_guessed(u) for u in unknowns]
     point, coarse = described, [thin_flight(f) for f in flights]
     fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
     share, last, astray = likeliest_share(point, coarse, FIRST_SHARE), np.inf, 0.0
@@ -87,6 +91,13 @@ def _approach(
     share = max(share, astray)
     flights = [as_commands_act(point, unknowns, f, False) for f in flights] if fewer else coarse
     return point, list(flights), share
+
+
+def _as_guessed(unknown: Unknown) -> Unknown:
+    """Return a parameter of an effect as near to what is described as a first guess is; others as they are."""
+    if unknown.kind != "effect" or not unknown.nominal:
+        return unknown
+    return replace(unknown, sigma=min(unknown.sigma, GUESS_ERROR * abs(unknown.nominal)))
 
 
 def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:

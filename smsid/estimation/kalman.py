@@ -16,7 +16,7 @@ from smsid.estimation.filter_run import FilterRun, joined_runs, log_determinants
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING, limits, means, starts_with_jump, unevenness
 from smsid.estimation.problem import Belief, Problem, recordings_of, unknown_forces, unknown_sigmas
-from smsid.estimation.process_model import ProcessModel
+from smsid.estimation.process_model import ProcessModel, inverse_inertias
 from smsid.inputs.signals import Signal
 from smsid.kernel.filter_arrays import Samples, State
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
@@ -228,4 +228,8 @@ def _input_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
     out = out**2
     for dof, sigma in (*noise.more, *noise.shapes):
         out[dof] += sigma**2
+    if noise.accelerations:
+        moved = inverse_inertias(model, problem.locked)
+        for dof, sigma in noise.accelerations:
+            out[dof] += (sigma / moved[dof]) ** 2
     return out

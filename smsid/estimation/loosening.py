@@ -15,6 +15,7 @@ from smsid.estimation.flight import Flight, longest_step, longest_substep
 from smsid.estimation.normal_equations import log_likelihood_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem, recordings_of
+from smsid.estimation.process_model import inverse_inertias
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
@@ -92,7 +93,11 @@ def _likelihood(point: Point, flights: Sequence[Flight], share: float) -> float:
 
 
 def loosen_model(model: SpacecraftModel, problem: Problem, share: float) -> Problem:
-    """Return a problem whose model may err, from sample to sample, by a share of what drives it."""
+    """Return a problem whose model may err, from sample to sample, by a share of what drives it.
+
+    Errors are those of accelerations, as the forces that drive it would be at ``model``: were they forces, a
+    heavier craft would be moved less by them, and seem likelier for that.
+    """
     applied: list[np.ndarray] = []
     for own in recordings_of(problem):
         drive, times = own.inputs(model).applied(model), own.data.times
@@ -100,11 +105,12 @@ def loosen_model(model: SpacecraftModel, problem: Problem, share: float) -> Prob
     size = np.sqrt(np.mean(np.square(applied), axis=0))
     for unknown in problem.unknown_inputs:
         size[unknown.dof] = max(size[unknown.dof], unknown.sigma / 3.0)
-    noise = replace(problem.noise, more=tuple((int(v), share * float(size[v])) for v in np.flatnonzero(size)))
     if model.free:
         inner = float(np.linalg.norm(size[6:]))
         lever = float(np.linalg.norm(model.thrust_point)) + 1.0
         force = float(np.linalg.norm(size[:3])) + inner / lever
         torque = float(np.linalg.norm(size[3:6])) + inner + lever * float(np.linalg.norm(size[:3]))
-        noise = replace(noise, force=share * force + noise.force, torque=share * torque + noise.torque)
-    return replace(problem, noise=noise)
+        size[:3], size[3:6] = np.hypot(size[:3], force), np.hypot(size[3:6], torque)
+    moved = share * size * inverse_inertias(model, problem.locked)
+    accelerations = tuple((int(v), float(moved[v])) for v in np.flatnonzero(moved))
+    return replace(problem, noise=replace(problem.noise, accelerations=accelerations))

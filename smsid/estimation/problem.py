@@ -34,7 +34,9 @@ class ProcessNoise:
     ``force`` [N], ``torque`` [N m] on the bus, ``joint`` and ``wheel`` torques [N m] (joints,), (wheels,).
     ``hidden`` are those of slosh and modal coordinates at the start [m, m/s]. ``more`` adds noise to single
     inputs: velocity coordinate and standard deviation [N, N m]; ``shapes`` the same where a law of friction
-    is not known exactly in shape, so that its errors repeat with the rate (`shape_errors`).
+    is not known exactly in shape, so that its errors repeat with the rate (`shape_errors`). ``accelerations``
+    are those of errors of the model, held over a sample, too: velocity coordinate and what it is moved by
+    alone [m/s^2, rad/s^2].
     """
 
     force: float = 1e-6
@@ -44,6 +46,7 @@ class ProcessNoise:
     hidden: tuple[float, float] = (1e-2, 1e-2)
     more: tuple[tuple[int, float], ...] = ()
     shapes: tuple[tuple[int, float], ...] = ()
+    accelerations: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -179,7 +182,7 @@ class Problem:
         small as it likes: see `smsid.estimation.likeliest_torques`.
         """
         followed = any(u.row >= 0 for u in self.unknown_inputs)
-        return followed and not self.noise.more and not self.averaged
+        return followed and not (self.noise.more or self.averaged)
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""
