@@ -101,11 +101,24 @@ def _as_guessed(unknown: Unknown) -> Unknown:
 
 
 def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
-    """Return the maximum of the model as it is, near a point."""
+    """Return the maximum of the model as it is, near a point.
+
+    At the likeliest torques, where torques tell what is asked; else in the mean over all.
+    """
     if tell is not None:
         tell("search with the model as it is")
-    followed = any(f.problem.profiled for f in flights)
-    flights = with_mean_torques(flights)
+    if any(f.problem.profiled for f in flights):
+        try:
+            found, taken, visited = _settle(point, unknowns, flights, tell)
+            if are_told_by_torques(found, taken):  # it has not gone off to where noise fits noise
+                return found, taken, visited
+        except NotIdentifiableError as error:
+            LOGGER.info("not at the likeliest torques: %s", error)
+    return _settle(point, unknowns, with_mean_torques(flights), tell)
+
+
+def _settle(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
+    """Return the maximum near a point, with commands and steps as they are likeliest there."""
     found, visited = maximise(point, unknowns, flights, tell=tell)
     acting = [as_commands_act(found.point, unknowns, f, has_converged(found)) for f in flights]
     if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
@@ -116,19 +129,8 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
             found, flights = otherwise, acting
             visited += more
     found, flights, more = finely_stepped(found, flights, tell)
-    visited += more
-    if followed and are_told_by_torques(found, flights):
-        likeliest = with_mean_torques(flights, mean=False)
-        try:
-            better, more = settled_maximum(
-                *maximise(found.point, unknowns, likeliest, tell=tell), likeliest, tell
-            )
-            if are_told_by_torques(better, likeliest):  # it has not gone off to where noise fits noise
-                return better, likeliest, visited + more
-        except NotIdentifiableError as error:
-            LOGGER.info("not at the likeliest torques: %s", error)
-    found, more = settled_maximum(found, [], flights, tell)
-    return found, flights, visited + more
+    found, last = settled_maximum(found, [], flights, tell)
+    return found, flights, visited + more + last
 
 
 def settled_maximum(
