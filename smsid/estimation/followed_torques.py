@@ -23,8 +23,7 @@ def followed_torques(
 ) -> list[UnknownInput]:
     """Return the torques of degrees of freedom (k,) that are ``followed``, as lively as their motion says.
 
-    On top of a recorded command they are random walks, by guess: the command is where they wander about, no
-    evidence that they stay near it.
+    A recorded command is where they wander about, no evidence that they stay near it.
     """
     found: list[UnknownInput] = []
     inputs, times = input_channels(model, recording), data.times
@@ -40,18 +39,15 @@ def followed_torques(
         integrations = 2 if block.quantity == "joint_position" else 1
         readings = data.values[:, block.rows]
         acceleration, jerk = _motion_scales(times, readings, integrations)
-        size, slope = mass[group.v] * acceleration, np.zeros(len(group))
+        size = mass[group.v] * acceleration
         if torque in inputs:
             commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
             size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
-            interval = float(np.median(np.diff(times[np.isfinite(readings).all(axis=1)])))
-            walk = UNKNOWN_FACTOR * mass[group.v] * jerk * np.sqrt(interval)
-        else:
-            told = acceleration_walks(
-                times, readings, data.sigma[block.rows], integrations, (acceleration, jerk)
-            )
-            walk = LIVELY * mass[group.v] * [t.walk for t in told]
-            slope = mass[group.v] * [t.slope for t in told]
+        told = acceleration_walks(
+            times, readings, data.sigma[block.rows], integrations, (acceleration, jerk)
+        )
+        walk = LIVELY * mass[group.v] * [t.walk for t in told]
+        slope = mass[group.v] * [t.slope for t in told]
         for i in free:
             own = int(group.v[i]), UNKNOWN_FACTOR * float(size[i]), float(walk[i])
             row = block.rows.start + i

@@ -26,9 +26,9 @@ ASKED_SHARE = 0.01  # share along an axis that the recordings tell, from which i
 MOST_AXES = 3  # axes, those told least
 
 
-def with_mean_torques(flights: Sequence[Flight], mean: bool = True) -> list[Flight]:
-    """Return the flights with parameters compared in the ``mean`` over all torques, or at the likeliest."""
-    return [replace(f, problem=replace(f.problem, averaged=mean)) for f in flights]
+def with_mean_torques(flights: Sequence[Flight]) -> list[Flight]:
+    """Return the flights with parameters compared in the mean over all torques."""
+    return [replace(f, problem=replace(f.problem, averaged=True)) for f in flights]
 
 
 def are_told_by_torques(found: NormalEquations, flights: Sequence[Flight]) -> bool:

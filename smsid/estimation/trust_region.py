@@ -73,7 +73,7 @@ def descend(
     of the ``tries`` leads down to where every body can exist. A step that gains more than it promised is
     tried longer if asked to ``lengthen``: where normal equations cost many times what a look does.
     """
-    for _ in range(tries):
+    for attempt in range(tries):
         step = bounded_step(found, damping_within(found, radius))
         length, gained = float(np.linalg.norm(sizes(found) * step)), -np.inf
         try:
@@ -81,8 +81,12 @@ def descend(
             if point.physical():
                 objective, equations = look(point)
                 gained = found.objective - objective
+                share = gained / predicted_gain(found, step)
+                if share < WEAK and not attempt and not lengthen:
+                    beyond = _step_back_into_valley(equations(), length, look)
+                    if beyond is not None and beyond.objective < min(objective, found.objective):
+                        return beyond, max(radius, length)
                 if gained > 0.0:
-                    share = gained / predicted_gain(found, step)
                     grown = max(radius, GROWTH * length) if share > GOOD else radius
                     radius = 0.5 * length if share < WEAK else grown
                     longer = _lengthen_step(found, step, gained) if lengthen else None
@@ -95,6 +99,25 @@ def descend(
             LOGGER.info("step refused: %s", error)
         radius = next_radius(length, float(found.slope @ step), -gained)
     return None, radius
+
+
+def _step_back_into_valley(
+    aside: Q, length: float, look: Callable[[Point], tuple[float, Callable[[], Q]]]
+) -> Q | None:
+    """Return the normal equations a step on from a point that a long step led to, ``None`` where there are
+    none.
+
+    Along a bent valley every long step leads up its side: one more from there leads down to its floor again,
+    further on than any short step does. Source: the watchdog technique of Chamberlain et al., Math. Program.
+    Stud. 16 (1982) 1.
+    """
+    try:
+        step = bounded_step(aside, damping_within(aside, length))
+        point = retract(aside.point, aside.unknowns, step * aside.scales)
+        return look(point)[1]() if point.physical() else None
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("step back refused: %s", error)
+        return None
 
 
 def _lengthen_step(found: Quadratic, step: np.ndarray, gained: float) -> Point | None:
