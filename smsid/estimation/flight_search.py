@@ -94,7 +94,7 @@ def _approach(
 
 
 def _as_guessed(unknown: Unknown) -> Unknown:
-    """Return a parameter of an effect as near to what is described as a first guess is; others as they are."""
+    """Return a parameter of an effect as near to its description as a first guess is; others as they are."""
     if unknown.kind != "effect" or not unknown.nominal:
         return unknown
     return replace(unknown, sigma=min(unknown.sigma, GUESS_ERROR * abs(unknown.nominal)))

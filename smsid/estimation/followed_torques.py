@@ -43,9 +43,7 @@ def followed_torques(
         if torque in inputs:
             commands = np.asarray(recording[inputs[torque]], dtype=float).reshape(-1, len(group))
             size = np.maximum(size, np.sqrt(np.nanmean(commands**2, axis=0)))
-        told = acceleration_walks(
-            times, readings, data.sigma[block.rows], integrations, (acceleration, jerk)
-        )
+        told = acceleration_walks(times, readings, data.sigma[block.rows], integrations, (acceleration, jerk))
         walk = LIVELY * mass[group.v] * [t.walk for t in told]
         slope = mass[group.v] * [t.slope for t in told]
         for i in free:

@@ -24,11 +24,19 @@ from smsid.estimation.trust_region import sizes
 STRAIGHT_WITHIN = 0.3  # second difference of the volume over a sigma to both sides, of what is told
 ASKED_SHARE = 0.01  # share along an axis that the recordings tell, from which it is asked about
 MOST_AXES = 3  # axes, those told least
+MEAN = (
+    "torques that followed the motion of joints or wheels do not tell all that is asked: values are those in "
+    "the mean over torques that may have been, whose liveliness is a guess"
+)
 
 
 def with_mean_torques(flights: Sequence[Flight]) -> list[Flight]:
-    """Return the flights with parameters compared in the mean over all torques."""
-    return [replace(f, problem=replace(f.problem, averaged=True)) for f in flights]
+    """Return the flights with parameters compared in the mean over all torques, and a note that says so."""
+    out = []
+    for flight in flights:
+        notes = (*flight.notes, MEAN) if flight.problem.profiled else flight.notes
+        out.append(replace(flight, problem=replace(flight.problem, averaged=True), notes=notes))
+    return out
 
 
 def are_told_by_torques(found: NormalEquations, flights: Sequence[Flight]) -> bool:

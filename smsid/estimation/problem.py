@@ -178,8 +178,8 @@ class Problem:
         motion. At the likeliest torques they do not: that is the total least squares of Golub and Van Loan,
         SIAM J. Numer. Anal. 17 (1980) 883. A command is where torques wander about, no evidence for its own
         scale or for that of the readings. Where errors of inputs are noise, too, it is no measured motion's
-        alone; and along what no torque has moved, there is nothing but noise to compare, which makes inertias as
-        small as it likes: see `smsid.estimation.likeliest_torques`.
+        alone; and along what no torque has moved, there is nothing but noise to compare, which makes
+        inertias as small as it likes: see `smsid.estimation.likeliest_torques`.
         """
         followed = any(u.row >= 0 for u in self.unknown_inputs)
         return followed and not (self.noise.more or self.averaged)

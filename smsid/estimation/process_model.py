@@ -32,7 +32,7 @@ class LinearDynamics:
 
 
 def inverse_inertias(model: SpacecraftModel, locked: np.ndarray) -> np.ndarray:
-    """Return what a generalised force of one moves its own coordinate by (nv,) [1/kg, 1/(kg m^2)], at home."""
+    """Return what a force of one moves its own coordinate by (nv,) [1/kg, 1/(kg m^2)], at home."""
     at_rest = np.zeros(model.nv)
     return ProcessModel(model, locked).linear(0.0, model.home, at_rest, at_rest).by_tau.diagonal().copy()
 
