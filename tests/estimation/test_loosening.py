@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from smsid.estimation import loosening
 from smsid.estimation.commands_between_samples import as_commands_act
 from smsid.estimation.flight import flight_of
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.loosening import FIRST_SHARE, likeliest_share, thin_flight
+from smsid.estimation.kalman import KalmanFilter
+from smsid.estimation.loosening import FIRST_SHARE, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.parameter_vector import Point
 
 from .satellite import Satellite, guess, recorded, true_values
@@ -92,3 +94,19 @@ def test_what_a_model_errs_by_counts_in_intervals_where_noise_hides_it(tmp_path,
     assert found.quality.judgement == ("explained" if listed else "roughly")
     assert (found.quality.model_error == 0.0) is listed
     assert listed or "errs slowly" in found.quality.sentence
+
+
+def test_a_heavier_craft_is_moved_as_much_by_errors_of_its_model(tmp_path, recording):
+    """Errors are accelerations: ten times the inertia would need ten times the force, and is no likelier."""
+    heavy = replace(RIGID, mass=10.0 * RIGID.mass, inertia=tuple(map(tuple, 10.0 * np.array(RIGID.inertia))))
+    light, much = (Point.of(guess(tmp_path, s, off=0.0, tank=False, panel=False)) for s in (RIGID, heavy))
+    flight = flight_of(light, recording, "flight")
+    loose = loosen_model(flight.model, flight.problem, 0.1)
+    moved = []
+    for point in (light, much):
+        model = point.model()
+        mass = pin.crba(model.pin, model.pin.createData(), model.home)[:6, :6]
+        noise = KalmanFilter(model, loose).input_noise
+        moved.append(np.sqrt(noise[:6]) * np.diag(np.linalg.inv(np.triu(mass) + np.triu(mass, 1).T)))
+        assert noise[0] > 100.0 * KalmanFilter(model, flight.problem).input_noise[0]
+    np.testing.assert_allclose(moved[1], moved[0], rtol=0.05)
