@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ class Valley:
     scales = np.ones(2)
 
     def __init__(self, x):
-        self.point = Place(np.asarray(x, dtype=float))
+        self.point: Any = Place(np.asarray(x, dtype=float))
         a, b = self.point.x
         left = np.array([np.sqrt(BEND) * (b - a * a), 1.0 - a])
         slopes = np.array([[-2.0 * np.sqrt(BEND) * a, np.sqrt(BEND)], [-1.0, 0.0]])
@@ -60,7 +61,7 @@ def looked(monkeypatch):
 
 
 def test_a_step_along_a_bent_valley_goes_on_to_its_floor(looked):
-    """The first step of Gauss and Newton from (-1, 1) is to (1, -3), far up its side, the second to its end."""
+    """The first step of Gauss and Newton from (-1, 1) is to (1, -3), far up its side."""
     seen, look = looked
     found, radius = descend(Valley((-1.0, 1.0)), np.inf, 8, look)
     assert found is not None and radius > 2.0
