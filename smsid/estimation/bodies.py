@@ -26,7 +26,7 @@ from smsid.identify.appendages import as_described
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.identify.parameter_estimate import parse_combination
-from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_of, step_factor
+from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_at
 from smsid.model import SpacecraftModel
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.regressor import Regressor
@@ -39,9 +39,6 @@ PULL_SIGMA = 1.0
 
 ROUNDING = 5e-5
 """Combinations are named with factors of four digits."""
-
-SMALL = 1e-4
-"""Of differences by a body's coordinates."""
 
 THINNEST = 1e-3
 """Smallest second moment a start may have, relative to the largest."""
@@ -143,34 +140,34 @@ def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedB
     columns = {n: rows[:, SIZE * joints[n] : SIZE * (joints[n] + 1)] / sigma[:, None] for n in free}
     fixed = np.asarray(target, dtype=float) / sigma
     names = list(free)
-    described = {n: free[n] for n in names}
-    at = dict(starts)
-    phi0 = np.zeros(SIZE * len(names))
+    across = np.hstack([columns[n] for n in names])
+    described = np.concatenate([free[n] for n in names])
 
-    def bodies(phi: np.ndarray) -> dict[str, np.ndarray]:
-        return {n: step_factor(at[n], phi[SIZE * k : SIZE * (k + 1)]) for k, n in enumerate(names)}
+    def bodies(phi: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [parameters_at(starts[n], phi[SIZE * k : SIZE * (k + 1)]) for k, n in enumerate(names)]
 
     def errors(phi: np.ndarray) -> np.ndarray:
-        found = bodies(phi)
-        change = sum(columns[n] @ (parameters_of(found[n]) - described[n]) for n in names)
-        return np.concatenate([np.asarray(change) - fixed, phi / PULL_SIGMA])
+        change = np.concatenate([theta for theta, _ in bodies(phi)]) - described
+        return np.concatenate([across @ change - fixed, phi / PULL_SIGMA])
 
-    result = least_squares(errors, phi0, max_nfev=200)
+    def slopes(phi: np.ndarray) -> np.ndarray:
+        of_rows = [columns[n] @ slope for n, (_, slope) in zip(names, bodies(phi), strict=True)]
+        return np.vstack([np.hstack(of_rows), np.eye(len(phi)) / PULL_SIGMA])
+
+    result = least_squares(errors, np.zeros(SIZE * len(names)), jac=slopes, max_nfev=200)  # type: ignore[arg-type]
     if not result.success:
         raise DescriptionError(
             f"No physical bodies were found that agree with the estimate: {result.message}.",
             advice="Start from a description nearer to the estimate.",
         )
-    found = {n: parameters_of(f) for n, f in bodies(result.x).items()}
+    ends = dict(zip(names, bodies(result.x), strict=True))
     misfit = float(np.sqrt(np.mean(errors(result.x)[: len(fixed)] ** 2)))
     moved = np.linalg.solve(result.jac.T @ result.jac, result.jac[: len(fixed)].T)  # for a sigma of each
     directions = np.zeros_like(rows)
-    for k, n in enumerate(names):
-        at[n] = step_factor(at[n], result.x[SIZE * k : SIZE * (k + 1)])
-        ends = [[parameters_of(step_factor(at[n], x)) for x in s * SMALL * np.eye(SIZE)] for s in (1.0, -1.0)]
-        slope = (np.array(ends[0]) - ends[1]) / (2.0 * SMALL)
+    for k, (n, (_, slope)) in enumerate(ends.items()):
         own_columns = slice(SIZE * joints[n], SIZE * (joints[n] + 1))
-        directions[:, own_columns] = moved[SIZE * k : SIZE * (k + 1)].T @ slope
+        directions[:, own_columns] = moved[SIZE * k : SIZE * (k + 1)].T @ slope.T
+    found = {n: theta for n, (theta, _) in ends.items()}
     return IdentifiedBodies({**own, **found}, misfit, told, tuple(notes), directions)
 
 

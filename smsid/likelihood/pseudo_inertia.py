@@ -73,6 +73,20 @@ def tangent(lower: np.ndarray) -> np.ndarray:
     return inertial_parameters(change + change.transpose(0, 2, 1)).T
 
 
+def parameters_at(lower: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return theta (10,) of the body at phi (10,) away from the one with factor L, ``lower`` (4, 4), and its
+    derivative d theta / d phi (10, 10) there.
+    """
+    i, j = np.array(PLACES).T
+    on_diagonal = i == j
+    grown = np.where(on_diagonal, np.exp(np.where(on_diagonal, phi, 0.0)), 1.0)
+    upper = np.zeros((4, 4))
+    upper[i, j] = np.where(on_diagonal, grown, phi)
+    changed = lower @ upper
+    change = grown[:, None, None] * lower.T[i][:, :, None] * changed.T[j][:, None, :]
+    return parameters_of(changed), inertial_parameters(change + change.transpose(0, 2, 1)).T
+
+
 def step_factor(lower: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the factor (4, 4) of the body at phi (10,) away from the one with factor L, ``lower`` (4, 4)."""
     upper = np.zeros((4, 4))

@@ -21,13 +21,13 @@ def late(delay):
     return ActuatorDelay(name="late", actuator="rw1", delay=delay)
 
 
-def flown(folder, held, *hidden, stated=lambda description: description, seed=1):
+def flown(folder, held, *hidden, stated=lambda description: description, seed=1, seconds=40.0):
     """Return a description and a recording of it with hidden effects: thrusters that switch, and waves of
     wheel torque that are held between samples or not. Sensors have the errors that ``stated`` adds.
     """
     _write_truth(folder)
     description = stated(described(folder))
-    rng, times = np.random.default_rng(seed), np.arange(0.0, 40.0 + PERIOD / 2, PERIOD)
+    rng, times = np.random.default_rng(seed), np.arange(0.0, seconds + PERIOD / 2, PERIOD)
     phase = rng.uniform(0.0, 2.0 * np.pi, (3, 3))
     waves = np.sin(2.0 * np.pi * np.array([0.05, 0.08, 0.13]) * times[:, None, None] + phase)
     torque = 0.03 * waves.sum(axis=2)

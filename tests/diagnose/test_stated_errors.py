@@ -66,7 +66,8 @@ def test_every_recording_has_its_own_stated_errors(tmp_path):
 def test_a_validation_flight_has_errors_of_sensors_of_its_own(tmp_path):
     """With those of the flight that was searched, a sound model left twice the noise and more on another."""
     stated = {"scale_sigma": 3e-3, "misalignment_sigma": 3e-3}
-    flights = [flown(tmp_path, True, stated=lambda d: with_gyro(d, **stated), seed=seed) for seed in (1, 2)]
+    more = {"stated": lambda d: with_gyro(d, **stated), "seconds": 20.0}
+    flights = [flown(tmp_path, True, seed=seed, **more) for seed in (1, 2)]
     (description, one), (_, two) = flights
     held_out = two.with_name("two").with_role("validation")
     found = diagnose(description, [one.with_name("one")], validation=[held_out]).diagnosis

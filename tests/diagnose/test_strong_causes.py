@@ -19,7 +19,9 @@ def test_a_strong_force_from_outside_needs_no_stated_size(description, known, wh
     pushed = build_model(description.model_copy(update={"effect": effects}))
     plan = named_experiment("exp2", pushed).model_copy(update={"duration": 5.0})
     recording = fly(pushed, plan, np.random.default_rng(2)).recording
-    data = measurements_of(known.point.base, recording, known.point.description.effective_sensors())
+    data = measurements_of(known.point.base, recording, known.point.description.effective_sensors()).thinned(
+        25.0
+    )
     problem = Problem(
         recording, data, np.array([], dtype=int), CommandTiming("linear", "right"), ProcessNoise()
     )

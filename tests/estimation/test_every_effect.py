@@ -8,7 +8,7 @@ from smsid.effects import Gear
 from .effect_cases import by_name, deviations, fly, identified
 
 pytest.importorskip("mujoco")
-FAST = ("joint_offset", "sensor_bias wheel", "joint_friction stiction wheel_z")
+FAST = ("joint_offset", "sensor_bias wheel")
 OTHERS = [n for n in by_name() if n not in FAST]
 
 

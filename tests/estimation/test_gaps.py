@@ -19,17 +19,31 @@ def cut(recording, gaps):
     return Recording.from_arrays(t[there], channels, labels=recording.labels, name="cut")
 
 
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    return craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return flight(40.0)
+
+
+@pytest.fixture(scope="module")
+def full(described, whole):
+    """What is found without any gap."""
+    return identify_flights(described, [whole], cad=0.2).estimate
+
+
 @pytest.mark.parametrize("gaps", [((15.0, 24.0),), ((9.0, 14.0), (20.0, 25.0), (31.0, 36.0))])
-def test_what_wheels_did_in_a_gap_teaches_nothing(tmp_path, gaps):
+def test_what_wheels_did_in_a_gap_teaches_nothing(described, whole, full, gaps):
     """Carried on as it was before 5 s of it, their torque put inertias 8 sigma off, "explained and white"."""
-    description, whole = craft(tmp_path), flight(40.0)
-    found = identify_flights(description, [cut(whole, gaps)], cad=0.2)
+    found = identify_flights(described, [cut(whole, gaps)], cad=0.2)
     names = [n.replace(".I", ".Ic") for n in INERTIA]
     sigma = np.array([found.estimate[n].sigma for n in names])
     off = (np.array([found.estimate[n].value for n in names]) - true_inertia()) / sigma
     assert np.abs(off).max() < 3.2, off
     assert found.quality.judgement == "explained" and not found.contradictions
-    full = identify_flights(description, [whole], cad=0.2).estimate
     assert (sigma > np.array([full[n].sigma for n in names])).all()
     assert found.estimate.recordings == ("cut",)
     assert sum(f"between {len(gaps)} gaps" in n for n in found.estimate.notes) == 1

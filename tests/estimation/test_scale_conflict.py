@@ -17,7 +17,7 @@ def scaled(recording, channel):
 def test_thrust_that_is_a_tenth_too_large_is_named_and_nothing_is_called_identifiable(tmp_path):
     """A tank and a panel take part in what thrust does and in what wheels do: that tells the scale."""
     truth = Satellite()
-    recording = recorded(truth, truth.fly(90.0, burns_and_wheels), np.random.default_rng(3))
+    recording = recorded(truth, truth.fly(90.0, burns_and_wheels), np.random.default_rng(3), every=10)
     found = identify_flights(guess(tmp_path, truth, off=0.02), [scaled(recording, "command.force")])
     assert found.quality.judgement == "not explained"
     conflict = found.quality.conflict

@@ -34,9 +34,9 @@ def hide(seed, category, world, *effects):
 QUICK = [
     (hide(1, "nothing", "arm"), RIGHT),
     (hide(2, "single", "arm", ("torque_gain:error@joint2", 10.0)), RIGHT),
-    (hide(3, "single", "rigid", ("joint_friction:viscous@joint2", 10.0)), RIGHT),
 ]
 SLOW = [
+    (hide(3, "single", "rigid", ("joint_friction:viscous@joint2", 10.0)), RIGHT),
     (hide(4, "nothing", "sms"), RIGHT),
     (hide(5, "nothing", "panel"), RIGHT),
     (hide(6, "single", "sms", ("joint_friction:coulomb@joint3", 10.0)), RIGHT),

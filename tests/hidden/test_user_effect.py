@@ -71,7 +71,13 @@ def test_user_effect_is_identified(cable_drag, tmp_path):
     case = EffectCase("cable_drag", lambda _: cable("joint2", PULL), {"joint": "joint2"}, {"pull": PULL})
     flight = fly(case, 0, tmp_path)
     known = flight.description.get_effect("cause").model_copy(update={"known": ("rest",)})
-    found = identified(replace(flight, description=flight.description.with_effects(known)))
+    found = identified(
+        replace(
+            flight,
+            description=flight.description.with_effects(known),
+            recording=flight.recording.window(0.0, 15.0),
+        )
+    )
     assert found.quality.judgement == "explained"
     value = found.estimate["cause.pull"]
     assert abs(value.value - PULL) < 3.0 * value.sigma and value.sigma < 0.1 * PULL

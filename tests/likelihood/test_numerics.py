@@ -15,7 +15,14 @@ from scipy.sparse import csr_array
 from smsid.errors import DescriptionError
 from smsid.likelihood.channels import Channel, gram_root
 from smsid.likelihood.normal import Normal
-from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step_factor, tangent
+from smsid.likelihood.pseudo_inertia import (
+    factor,
+    is_body,
+    parameters_at,
+    parameters_of,
+    step_factor,
+    tangent,
+)
 from smsid.likelihood.spline import DEGREE, DerivativeSamples, along, basis_sums, fit_motion
 from smsid.likelihood.time_grid import PLACES, A, B, C, Timeline, stage_values, transitions
 
@@ -56,6 +63,19 @@ def test_tangent_is_the_derivative():
                 2 * h
             )
             np.testing.assert_allclose(column, found, atol=1e-8 * np.abs(theta).max())
+
+
+def test_parameters_far_away_and_their_slopes_are_those_of_the_factor_there():
+    rng = np.random.default_rng(1)
+    for theta in bodies():
+        lower, phi, h = factor(theta), 0.5 * rng.standard_normal(10), 1e-6
+        there, slope = parameters_at(lower, phi)
+        size = np.abs(there).max()
+        np.testing.assert_allclose(there, parameters_of(step_factor(lower, phi)), atol=1e-12 * size)
+        for column, step in zip(slope.T, h * np.eye(10), strict=True):
+            ends = [parameters_of(step_factor(lower, phi + s * step)) for s in (1.0, -1.0)]
+            np.testing.assert_allclose(column, (ends[0] - ends[1]) / (2 * h), atol=1e-8 * size)
+        np.testing.assert_allclose(parameters_at(lower, np.zeros(10))[1], tangent(lower), atol=1e-12 * size)
 
 
 def test_a_flat_body_is_refused():

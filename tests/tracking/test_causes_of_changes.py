@@ -19,7 +19,7 @@ from tests.estimation.satellite import Satellite, guess, recorded
 from .craft import STEP
 
 GUESS = Satellite(tank=(1e-9, 1e-9, 1e-9), centre=(0.0, 0.0, 0.0))
-AT, AFTER = 20.0, 26.0  # [s]
+AT, AFTER = 20.0, 18.0  # [s]
 GRASPED = np.array([[4.0, 0.5, 0.0], [0.5, 3.0, -0.4], [0.0, -0.4, 6.0]])  # [kg m^2]
 LEAK = np.array([0.05, 0.0, -0.03]), np.array([0.004, -0.002, 0.001])  # [N], [N m]
 HEAVY = 60.0  # times `GRASPED`
@@ -94,10 +94,10 @@ def before(truth):
     return truth.fly(AT, drive(0.0), step=STEP)
 
 
-def flown(truth, before, after=None, drift=0.0, seed=3, **more):
+def flown(truth, before, after=None, drift=0.0, seed=3, seconds=AFTER, **more):
     """Return the recording of a flight on which something happens at `AT`."""
     rest = (after(truth) if after else truth).fly(
-        AFTER, drive(AT, momenta=before[1][-1, 21:24], **more), step=STEP, start=before[1][-1, :24]
+        seconds, drive(AT, momenta=before[1][-1, 21:24], **more), step=STEP, start=before[1][-1, :24]
     )
     whole = tuple(np.concatenate([a, b[1:]]) for a, b in zip(before, rest, strict=True))
     times = np.arange(len(whole[0])) * STEP
@@ -152,7 +152,12 @@ CAUSES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("cause", list(CAUSES))
+SLOW = ("released",)  # what is grasped, the other way round
+
+
+@pytest.mark.parametrize(
+    "cause", [pytest.param(c, marks=[pytest.mark.slow] if c in SLOW else []) for c in CAUSES]
+)
 def test_a_cause_is_named_in_time_with_its_size(description, truth, before, cause):
     group, what, size = CAUSES[cause]
     changes = watched(description, flown(truth, before, **what))
@@ -169,7 +174,7 @@ def test_a_cause_is_named_in_time_with_its_size(description, truth, before, caus
             assert abs(jump - true) < 4.0 * sigma, (name, jump, true, sigma)
 
 
-@pytest.mark.parametrize("share", (0.7, 1.3))
+@pytest.mark.parametrize("share", (0.7, pytest.param(1.3, marks=pytest.mark.slow)))
 def test_a_large_jump_of_a_frequency_is_measured(tmp_path, share):
     """A linear filter sees another group in it and takes it for a jump of the bus."""
     description = guess(tmp_path, GUESS, off=0.0, tank=False)
@@ -178,6 +183,7 @@ def test_a_large_jump_of_a_frequency_is_measured(tmp_path, share):
         truth,
         truth.fly(AT, drive(0.0), step=STEP),
         after=lambda t: replace(t, panel=(share * t.panel[0], *t.panel[1:])),
+        seconds=26.0,
     )
     follow = dict.fromkeys(("bus.I*", "panel.mode1.frequency", "gyro.angular_rate.bias.*"), 0.0)
     plain = Tracker(description, follow=follow, cad=0.005)
@@ -206,7 +212,7 @@ def test_a_body_several_times_as_heavy_as_the_craft_is_measured(description, tru
         assert abs(jump - true) < 4.0 * sigma, (name, jump, true, sigma)
 
 
-@pytest.mark.parametrize("at", (40, 90, 150))
+@pytest.mark.parametrize("at", (40, pytest.param(90, marks=pytest.mark.slow), 150))
 def test_a_tracker_whose_commands_depend_on_a_parameter_is_restored_exactly(
     description, truth, before, tmp_path, at
 ):

@@ -107,10 +107,10 @@ def test_power_balance(numbers: Spacecraft, variant: PanelVariant):
 
 @BOTH
 def test_symbolic_against_mujoco(numbers: Spacecraft):
-    """200 random states: mass matrix, energy, momenta and accelerations of two independent twins."""
+    """50 random states: mass matrix, energy, momenta and accelerations of two independent twins."""
     derived, engine = SymbolicTwin(numbers), MujocoTwin(numbers)
     worst = dict.fromkeys(("mass", "energy", "momentum", "accelerations"), 0.0)
-    for state, inputs in random_pairs(200):
+    for state, inputs in random_pairs(50):
         found = {
             "mass": relative(engine.mass_matrix(state), derived.mass_matrix(state)),
             "energy": relative(engine.energy(state), derived.energy(state)),
@@ -170,7 +170,7 @@ def test_mujoco_against_recording(name: str, oracle: Path):
     """
     with np.load(oracle / f"{name}.npz") as archive:
         recording = {key: archive[key].astype(float) for key in archive.files}
-    twin, t = MujocoTwin(), recording["t"]
+    twin, t = MujocoTwin(), recording["t"]  # at 100 Hz: steps of RK4, whose error is 1e-8 at 80 s
     if name.startswith("exp1"):
         drive, start = exp1((0, 0, 1))
         steps = [0.0, 20.0, 40.0]
@@ -178,8 +178,7 @@ def test_mujoco_against_recording(name: str, oracle: Path):
         drive, start, residual = exp2(recording)
         assert residual < 1e-7  # the recorded torques are such a series, stored in single precision
         steps = [0.0]
-    # 5 ms: error of RK4 about 5e-10 at 80 s
-    channels = twin.simulate(drive, t[-1], initial=start, hold=name.startswith("exp1"), dt=5e-3)
+    channels = twin.simulate(drive, t[-1], initial=start, hold=name.startswith("exp1"), dt=1e-2)
     keep = np.all([(t < s - 1e-9) | (t > s + 0.05) for s in steps], axis=0)
     compared = set(recording) & set(channels) - {"t"}
     assert {"base_pos_P", "acc_imu_body", "panel_acc_base", "truth_slosh", "truth_panel_modal"} <= compared
