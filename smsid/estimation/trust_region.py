@@ -81,7 +81,8 @@ def descend(
             if point.physical():
                 objective, equations = look(point)
                 gained = found.objective - objective
-                share = gained / predicted_gain(found, step)
+                promised = predicted_gain(found, step)
+                share = gained / promised if promised > 0.0 else 0.0
                 if share < WEAK and not attempt and not lengthen:
                     beyond = _step_back_into_valley(equations(), length, look)
                     if beyond is not None and beyond.objective < min(objective, found.objective):
