@@ -197,5 +197,5 @@ def next_radius(length: float, slope: float, up: float) -> float:
 
     To the lowest point of the parabola through both.
     """
-    share = 0.5 * slope / (slope + up) if np.isfinite(up) else 0.0
+    share = 0.5 * slope / (slope + up) if np.isfinite(up) and slope + up > 0.0 else 0.0
     return length * float(np.clip(share, *SHORTENING))
