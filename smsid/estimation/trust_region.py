@@ -81,7 +81,8 @@ def descend(
             if point.physical():
                 objective, equations = look(point)
                 gained = found.objective - objective
-                share = gained / predicted_gain(found, step)
+                promised = predicted_gain(found, step)
+                share = gained / promised if promised > 0.0 else 0.0
                 if share < WEAK and not attempt and not lengthen:
                     beyond = _step_back_into_valley(equations(), length, look)
                     if beyond is not None and beyond.objective < min(objective, found.objective):
@@ -196,5 +197,5 @@ def next_radius(length: float, slope: float, up: float) -> float:
 
     To the lowest point of the parabola through both.
     """
-    share = 0.5 * slope / (slope + up) if np.isfinite(up) else 0.0
+    share = 0.5 * slope / (slope + up) if np.isfinite(up) and slope + up > 0.0 else 0.0
     return length * float(np.clip(share, *SHORTENING))

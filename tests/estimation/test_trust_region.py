@@ -84,3 +84,8 @@ def test_no_step_leads_up(looked):
             assert better is not None
             found = better
         np.testing.assert_allclose(found.point.x, 1.0, atol=1e-4)
+
+
+def test_where_nothing_is_to_be_gained_no_step_is_taken(looked):
+    _, look = looked
+    assert descend(Valley((1.0, 1.0)), np.inf, 3, look)[0] is None
