@@ -26,7 +26,7 @@ ASKED_SHARE = 0.01  # share along an axis that the recordings tell, from which i
 MOST_AXES = 3  # axes, those told least
 MEAN = (
     "torques that followed the motion of joints or wheels do not tell all that is asked: values are those in "
-    "the mean over torques that may have been, whose liveliness is a guess"
+    "the mean over torques that may have been, as lively as the motion says and more"
 )
 
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from smsid.effects import SensorScale
-from smsid.estimation import kalman
+from smsid.estimation import flight_search, kalman
 from smsid.estimation.differences import difference_equations
 from smsid.estimation.flight import flight_of
 from smsid.estimation.identify_flights import identify_flights
@@ -180,3 +180,16 @@ def test_noise_of_wheels_beside_a_recorded_command_is_not_taken_for_motion(tmp_p
         own = [found.estimate[n] for n in names]
         off.append([(p.value - true[p.name]) / p.sigma for p in own])
     assert np.abs(np.mean(off, axis=0)).max() < 3.0 / np.sqrt(len(off)), off
+
+
+def test_where_torques_do_not_tell_a_note_says_what_values_are(tmp_path, monkeypatch):
+    truth = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
+    without = ("st.attitude", "gyro.acceleration", "command.force", "command.torque", "command.wheel_torque")
+    recording = recorded(truth, truth.fly(30.0, turning), np.random.default_rng(1), without=without)
+    description, said = guess(tmp_path, truth, tank=False, panel=False), []
+    for told in (True, False):
+        monkeypatch.setattr(flight_search, "are_told_by_torques", lambda *_, told=told: told)
+        found = identify_flights(description, [recording])
+        assert all(f.problem.averaged is not told for f in found.flights)
+        said.append([n for n in found.estimate.notes if "in the mean over torques" in n])
+    assert [len(n) for n in said] == [0, 1]
