@@ -82,8 +82,8 @@ def compare(model: SpacecraftModel, trajectory, channels: dict[str, np.ndarray])
 def test_free_floating_experiment():
     """Exp. 2: 80 s of Fourier torques on wheels and arm, all channels, measured and hidden.
 
-    MuJoCo integrates with RK4 at 10 ms (half of that changes the body rate by 6e-11, others by 1e-8 at most),
-    the model adaptively at 1e-9.
+    MuJoCo integrates with RK4 at 10 ms (half of that changes the body rate by 6e-11, others by 1e-8 at
+    most), the model adaptively at 1e-9.
     """
     model = build_model(load_description(URDF / "paper_sms.toml"))
     rng = np.random.default_rng(5)
