@@ -170,10 +170,8 @@ def test_mujoco_against_recording(name: str, oracle: Path):
     """
     with np.load(oracle / f"{name}.npz") as archive:
         recording = {key: archive[key].astype(float) for key in archive.files}
-    twin, t = (
-        MujocoTwin(),
-        recording["t"],
-    )  # at 100 Hz: half as long steps of RK4 change nothing by more than 1e-8
+    # at 100 Hz: half as long steps of RK4 change nothing by more than 1e-8
+    twin, t = MujocoTwin(), recording["t"]
     if name.startswith("exp1"):
         drive, start = exp1((0, 0, 1))
         steps = [0.0, 20.0, 40.0]
