@@ -18,6 +18,7 @@ from smsid.errors import RecordingError
 from smsid.recording._clock import find_gaps
 from smsid.recording._draft import draft_mapping, toml_string
 from smsid.recording._guess import Group, groups, is_clock, stated_unit, suspicion
+from smsid.recording._units import convert
 from smsid.recording.columns import Columns
 from smsid.recording.importing import import_recording, is_number
 from smsid.recording.mapping import ImportMapping, load_mapping
@@ -39,10 +40,10 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "day": 86400.0}
 
 @dataclass(frozen=True)
 class ClockReport:
-    """A column of times: ``unit`` guessed, ``rate`` [Hz] of the median step, ``jitter`` the standard
-    deviation of the steps relative to it, ``duplicates`` and ``backwards`` steps, ``gaps`` as sentences,
-    the longest of them; ``unit_written`` whether the file states the unit; ``newest_first`` whether times
-    only decrease.
+    """A column of times: ``unit`` as a mapping or the file states it, else guessed; ``rate`` [Hz] of the
+    median step, ``jitter`` the standard deviation of the steps relative to it, ``duplicates`` and
+    ``backwards`` steps, ``gaps`` as sentences, the longest of them; ``unit_written`` whether the unit is
+    stated; ``newest_first`` whether times only decrease.
     """
 
     name: str
@@ -109,15 +110,16 @@ def inspect_file(
     rules = None if mapping is None else load_mapping(mapping)
     columns = read_joined(path, also, None if rules is None else rules.csv)
     joined = {part for name in columns if " + " in name for part in name.split(" + ") if part in columns}
+    units = {} if rules is None else _stated_units(rules)
     clocks = {
-        name: _clock(columns, name)
+        name: _clock(columns, name, units.get(name))
         for name, values in columns.items()
         if name not in joined and is_clock(name, values, surely=name in columns.times)
     }
     found = groups(columns, set(clocks) | joined)
     doubts = []
     for name, clock in clocks.items():
-        for own in _by_source(columns, name, found) or [clock]:
+        for own in _by_source(columns, name, found, units.get(name)) or [clock]:
             doubts += [said for said in _clock_doubts(own) if said not in doubts]
     if not clocks:
         doubts.append("No column looks like times: state the rate.")
@@ -193,14 +195,14 @@ def _clock_doubts(clock: ClockReport) -> list[str]:
     return doubts
 
 
-def _by_source(columns: Columns, name: str, found: Sequence[Group]) -> list[ClockReport]:
+def _by_source(columns: Columns, name: str, found: Sequence[Group], mapped: str | None) -> list[ClockReport]:
     """Return a clock as each source of a table has it that leaves the others' cells of its rows blank."""
     times = columns[name]
     own = {g.rows.tobytes(): g for g in found if g.rows is not None and g.rows.shape == times.shape}
     if any(g.rows is None and len(columns[g.columns[0]]) == len(times) for g in found):
         return []  # something has a value in every row
     return [
-        _clock(columns, name, g.rows, f"{name}' of '{g.stem}")
+        _clock(columns, name, mapped, g.rows, f"{name}' of '{g.stem}")
         for g in own.values()
         if g.rows is not None and len(np.unique(times[g.rows])) > 1
     ]
@@ -236,9 +238,16 @@ def held_samples(values: NDArray[Any]) -> int | None:
     return middle if middle > 1 and even and many else None
 
 
+def _stated_units(rules: ImportMapping) -> dict[str, str]:
+    """Return the units that a mapping states of its columns of times, by column."""
+    tables = (rules.time, *rules.clock.values())
+    return {t.column: t.unit for t in tables if t is not None and t.column is not None and t.unit is not None}
+
+
 def _clock(
-    columns: Columns, name: str, rows: NDArray[np.bool_] | None = None, called: str = ""
+    columns: Columns, name: str, mapped: str | None, rows: NDArray[np.bool_] | None = None, called: str = ""
 ) -> ClockReport:
+    """Return a clock in the unit that a mapping states; without one as written in the file, or guessed."""
     values = columns[name] if rows is None else columns[name][rows]
     times = values[np.isfinite(values)].astype(np.float64)
     steps = np.diff(times)
@@ -246,16 +255,17 @@ def _clock(
     steps = -steps if reversed_ else steps
     forward = steps[steps > 0.0]
     step = float(np.median(forward))
-    unit = stated_unit(columns, name)
-    written = unit in SECONDS
-    if unit not in SECONDS:
+    own = stated_unit(columns, name)
+    unit = mapped or (own if own in SECONDS else None)
+    written = unit is not None
+    if unit is None:
         epoch = [word for word, low, high in EPOCHS if low < abs(float(np.median(times))) < high]
         # A log of less than 2 Hz or more than 1 MHz is rarer than one whose clock counts in another unit.
         by_step = "s" if step < 0.5 else "ms" if step < 500.0 else "us" if step < 5e5 else "ns"
         if step < 1e-3 and any(low < float(np.median(times)) < high for low, high in DAYS):
             by_step = "day"
         unit = epoch[0] if epoch else by_step
-    scale = SECONDS[unit]
+    scale = SECONDS[unit] if unit in SECONDS else float(convert(np.ones(1), unit, "s", f"'{name}'")[0])
     gaps = find_gaps(np.unique(times) * scale, name)
     regular = forward[forward < 5.0 * step]
     longest = str(max(gaps, key=lambda gap: gap.duration)) if gaps else ""

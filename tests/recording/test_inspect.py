@@ -167,6 +167,28 @@ def test_the_draft_is_compared_too(tmp_path):
     assert "wrong sign" in doubt
 
 
+@pytest.mark.parametrize(("unit", "rate"), [("s", 1.0), ("ms", 1e3), ("min", 1.0 / 60.0)])
+def test_a_clock_is_in_the_unit_that_the_mapping_states(tmp_path, unit, rate):
+    """Whole numbers one apart are taken for milliseconds only where nobody says what they are."""
+    path = csv(
+        tmp_path / "a.csv",
+        {
+            "t": np.arange(50.0),
+            **{f"gyro_{a}": np.sin(0.1 * np.arange(50.0) + k) for k, a in enumerate("xyz")},
+        },
+    )
+    rules = f'''[time]
+column = "t"
+unit = "{unit}"
+[channel."imu.angular_rate"]
+columns = ["gyro_x", "gyro_y", "gyro_z"]
+unit = "rad/s"
+frame = "body"'''
+    (clock,) = inspect_file(path, parse_mapping(tomllib.loads(rules))).clocks
+    assert clock.unit == unit and clock.rate == pytest.approx(rate)
+    assert inspect_file(path).clocks[0].unit == "ms"
+
+
 def test_a_mapping_of_another_log_is_refused_by_name(tmp_path):
     path = csv(tmp_path / "a.csv", {"Zeit [s]": T, "Winkel 1 [rad]": np.sin(T)}, ";", ",")
     with pytest.raises(RecordingError, match="no 'Winkel 2"):
