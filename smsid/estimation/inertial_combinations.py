@@ -31,6 +31,8 @@ SMALLEST = 1e-6  # of its prior's standard deviation, an amplitude below which a
 ROUND = 1e-6  # a factor this near to 1 is 1
 DIGITS, MOST_DIGITS = 4, 12  # of a factor in a name: as few as its effect on the value allows
 TIPS = 0.1  # preference for lumping what is nearer to the tips
+CENTRE_FIRST = 3.0  # preference for lumping a lone bus's mass and first moments rather than its inertias
+ROUND_OFF = 1e-14  # of the largest inertia, below which a described product of inertia is zero
 
 
 def reported_parameters(found: NormalEquations, described: Point) -> list[Combination]:
@@ -136,7 +138,9 @@ def _base_parameters(found: NormalEquations, described: Point) -> list[Combinati
         cross = information[np.ix_(own, rest)]
         inside = inside - cross @ np.linalg.solve(others, cross.T)
     width = np.array([unknowns[i].sigma for i in own])
-    matrix, kept = combinations(inside * np.outer(width / scale, width / scale))
+    alone = described.base.free and max(columns) < 10
+    before = [k for k, c in enumerate(columns) if alone and c < 4]
+    matrix, kept = combinations(inside * np.outer(width / scale, width / scale), before)
     matrix = matrix * width[kept][:, None] / width[None, :]  # from units of the prior to physical ones
     covariance = np.linalg.inv(found.gram)
     values, nominal = whole_bodies(found.point.model())[columns], whole_bodies(described.model())[columns]
@@ -191,6 +195,7 @@ def _central(
     by_theta = np.array([about_centre(theta + s) - about_centre(theta - s) for s in steps]).T
     gradients = by_theta / (2.0 * np.diag(steps)) @ slopes
     values, nominal = about_centre(theta), about_centre(before)
+    nominal[np.abs(nominal) < ROUND_OFF * np.abs(nominal[3:]).max()] = 0.0
     body, size = body_names(described.base.pin)[0], float(np.abs(values[3:]).max())
     out = {}
     for (_, combined), k in zip(rows, kept.tolist(), strict=True):
@@ -216,12 +221,14 @@ def about_centre(theta: np.ndarray) -> np.ndarray:
     return np.concatenate([centre, theta[4:] - theta[0] * np.array(shift)])
 
 
-def combinations(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def combinations(information: np.ndarray, before: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
     """Return combinations (b, n) that data tell apart, and which parameters (b,) they are named after.
 
     ``information`` (n, n) is the data's, each parameter in units of the standard deviation that is known
     beforehand. Directions of which the data say less than that are not told; of each such direction the
     parameter that has the largest part in it, of equals that nearest to the tips, is lumped into the others.
+    Those of ``before`` are lumped although others have a part up to three times as large: a bus's mass and
+    first moments, so that its inertias are left, which are told about the centre of mass.
     """
     size, basis = np.linalg.eigh(0.5 * (information + information.T))
     unseen = basis[:, size < 1.0]
@@ -229,6 +236,7 @@ def combinations(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if not unseen.shape[1]:
         return np.eye(n), np.arange(n)
     preference = 1.0 + TIPS * np.arange(n) / n
+    preference[list(before)] *= CENTRE_FIRST
     *_, pivots = qr((unseen * preference[:, None]).T, mode="r", pivoting=True)
     lumped = np.sort(pivots[: unseen.shape[1]])
     kept = np.setdiff1d(np.arange(n), lumped)

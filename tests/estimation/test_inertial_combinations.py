@@ -3,6 +3,7 @@
 import numpy as np
 
 from smsid.estimation.inertial_combinations import (
+    about_centre,
     combination_name,
     combinations,
     rounded_factor,
@@ -46,6 +47,24 @@ def test_combinations_do_not_move_along_what_is_not_told():
 def test_nothing_is_told_by_nothing():
     matrix, kept = combinations(np.zeros((3, 3)))
     assert matrix.shape == (0, 3) and len(kept) == 0
+
+
+def test_of_a_lone_bus_that_only_turns_the_inertias_are_told():
+    """Its centre is far from the origin: what is unseen has as large a part in them as in first moments."""
+    theta = np.array([199.3, 0.4, 0.2, 60.4, 56.2, 1.2, 63.3, -0.9, 2.4, 22.0])
+    width = np.array([100.0, 61.0, 61.0, 61.0, *6 * [37.25]])
+    steps = np.diag(1e-6 * width)
+    inertia = np.array([about_centre(theta + s) - about_centre(theta - s) for s in steps])[:, 3:] / 2e-6
+    information = 1e4 * inertia @ inertia.T
+    np.testing.assert_array_equal(combinations(information, range(4))[1], range(4, 10))
+    assert 6 not in combinations(information)[1]  # the parts alone would have it told by the first moment
+
+
+def test_what_a_push_tells_of_a_bus_is_not_lumped_into_an_inertia():
+    unseen = np.zeros(10)
+    unseen[[3, 4]] = 0.2, 1.0  # an axis about which nothing turned
+    information = 1e6 * (np.eye(10) - np.outer(unseen, unseen) / (unseen @ unseen))
+    np.testing.assert_array_equal(combinations(information, range(4))[1], [0, 1, 2, 3, *range(5, 10)])
 
 
 def test_names_begin_with_their_own_parameter():
