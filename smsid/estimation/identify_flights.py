@@ -275,8 +275,11 @@ def _with_profile_interval(p: ParameterEstimate, bent: BentInterval) -> Paramete
     """Return a parameter with the interval of its profile, which may have no end, and the status it has."""
     along = "" if bent.goes_with == p.name else f" along {bent.goes_with}"
     low, high = bent.ends
-    note = f"the likelihood is not Gaussian: interval from its profile{along}"
     half = 0.5 * (high - low) / NORMAL95
+    if not bent.followed:
+        note = f"the likelihood is not Gaussian{along}, and could not be followed: no interval is known"
+        return replace(p, status="not_identifiable", profile=(-np.inf, np.inf), note=note)
+    note = f"the likelihood is not Gaussian: interval from its profile{along}"
     told = classify(p.name, p.value, p.unit, half, METHOD, nominal=p.nominal, reference=p.reference)
     if not np.isfinite(half):
         note += ", which has no end"

@@ -54,13 +54,18 @@ class Profile:
     falls: np.ndarray
     open: tuple[bool, bool]
 
+    @property
+    def followed(self) -> bool:
+        """Whether the likelihood is known anywhere but at the maximum."""
+        return len(self.falls) > 1
+
     def interval(self, row: np.ndarray, rest: float, fall: float) -> tuple[float, float]:
         """Return how far a quantity goes down and up within a ``fall`` of its profile likelihood.
 
         ``row`` (m,) is its derivative by the unknowns in scales, ``rest`` its variance with the parameter
-        held. An open side has no end.
+        held. An open side has no end, and none has where nothing was followed.
         """
-        if len(self.falls) < 2:
+        if not self.followed:
             return -np.inf, np.inf
         signed = np.sign(self.changes[:, self.index]) * np.sqrt(np.maximum(self.falls, 0.0))
         along = self.changes @ row
@@ -75,10 +80,14 @@ class Profile:
 
 @dataclass(frozen=True)
 class BentInterval:
-    """How far a quantity may go down and up from its value (95 %); what it goes with."""
+    """How far a quantity may go down and up from its value (95 %); what it goes with.
+
+    ``followed``: whether the likelihood along that was; where it could not be, nothing is known of the ends.
+    """
 
     goes_with: str
     ends: tuple[float, float]
+    followed: bool = True
 
 
 class Posterior(Protocol):
@@ -173,7 +182,7 @@ def bent_intervals(
         most = int(np.argmax(shares))
         if v > 0.0 and shares[most] > MAIN_SHARE * v:
             best = profiles[most]
-            out[k] = BentInterval(best.name, best.interval(row, v - shares[most], fall))
+            out[k] = BentInterval(best.name, best.interval(row, v - shares[most], fall), best.followed)
     return out
 
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from smsid._statistics import NORMAL95
-from smsid.estimation.likelihood_profile import POORLY_KNOWN, Profile, _Follower, loosely_told
+from smsid.estimation.identify_flights import _with_profile_interval
+from smsid.estimation.likelihood_profile import POORLY_KNOWN, BentInterval, Profile, _Follower, loosely_told
+from smsid.identify.estimate import classify
 
 FALL = 0.5 * NORMAL95**2
 VALUES = np.linspace(-0.9, 0.9, 13)
@@ -36,6 +38,21 @@ def test_where_the_likelihood_does_not_fall_there_is_no_end():
     row = np.array([-1.0, -1.0])  # falls where y grows
     low, high = profile(VALUES[VALUES > -0.2], (False, True)).interval(row, 0.0, FALL)
     assert low == -np.inf and np.isfinite(high)
+
+
+def test_a_profile_that_could_not_be_followed_is_not_said_to_have_no_end():
+    """Where slopes mislead the search of the others, nothing is known but that the likelihood is bent."""
+    lone = Profile("y", 1, np.zeros((1, 2)), np.zeros(1), (True, True))
+    assert not lone.followed and profile().followed
+    told = classify("x", 160.0, "kg", 0.003, "maximum_likelihood")
+    bent = BentInterval("y", lone.interval(np.array([1.0, 0.0]), 0.0, FALL), lone.followed)
+    found = _with_profile_interval(told, bent)
+    assert found.status == "not_identifiable" and found.sigma == 0.003
+    assert found.interval == (-np.inf, np.inf)
+    assert "along y, and could not be followed" in found.note
+    assert "no end" not in found.note and "cannot be told" not in found.note
+    followed = _with_profile_interval(told, BentInterval("y", (-np.inf, 1.0)))
+    assert "interval from its profile along y, which has no end" in followed.note
 
 
 def test_asked_about_are_parameters_through_which_poorly_known_quantities_vary():
