@@ -33,6 +33,7 @@ from smsid.recording import Recording
 from smsid.recording.checks.sample_faults import outliers
 
 LOGGER = logging.getLogger(__name__)
+PART_OF_THRUST = 1e-3  # of full thrust, within which a share is none, or all
 LONGEST_STEP = 0.1  # [s] between times of the filter: what it linearises over
 LARGEST_PHASE = 0.3  # [rad] of the fastest mode, the same
 STILL_SIGMAS = 5.0  # standard deviations of its noise within which a joint or an attitude stands still
@@ -111,9 +112,24 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         unknown_inputs=(*unknown, *further),
         bias_walks=bias_walks(data),
     )
-    notes += held + dropped + doubts
+    notes += held + dropped + doubts + _without_switching_times(recording, inputs)
     names = {int(v): n for g in (model.arm_joints, model.wheels) for n, v in zip(g.names, g.v, strict=True)}
     return Flight(label, model, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
+
+
+def _without_switching_times(recording: Recording, inputs: dict[str, str]) -> list[str]:
+    """Return a note where thrusters fire at a share of their thrust: of a pulse that is only its mean."""
+    channel = inputs.get("thruster")
+    if channel is None:
+        return []
+    shares = np.asarray(recording[channel], dtype=float)
+    part = np.mean((shares > PART_OF_THRUST) & (shares < 1.0 - PART_OF_THRUST))
+    if part == 0.0:
+        return []
+    return [
+        f"{100 * part:.0f} % of '{channel}' are shares between 0 and 1, taken as thrust all through their "
+        "sample: of valves that open for a part of it log each opening (1) and closing (0) instead"
+    ]
 
 
 def _without_noise(data: Measurements) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 from smsid.description import Thruster, load_description, save_description
 from smsid.effects import ActuatorDelay, Effect, ThrusterGain, ThrusterMisalignment, parse_effect
 from smsid.errors import DescriptionError, ExperimentError, RecordingError
+from smsid.estimation.flight import _without_switching_times
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.input_hold import commanded_inputs
@@ -140,6 +141,37 @@ def test_gains_and_directions_of_single_thrusters_are_found(flown, tmp_path):
     # along its own direction a thruster cannot be turned: the data do not see it, and that is said
     assert found.estimate["bent.angles.y"].status == "not_identifiable"
     assert found.estimate["bent.angles.y"].sigma == pytest.approx(0.05, rel=0.01)
+
+
+def test_shares_that_do_not_say_when_a_valve_opens_are_noted():
+    times, shares = np.arange(40) * 0.1, np.zeros((40, 2))
+    shares[:10, 0] = 1.0
+    whole = Recording.from_arrays(times, {"command.thruster": shares}, labels={"thruster": ("a", "b")})
+    shares = shares.copy()
+    shares[:20, 1] = 0.3
+    part = Recording.from_arrays(times, {"command.thruster": shares}, labels={"thruster": ("a", "b")})
+    inputs = {"thruster": "command.thruster"}
+    assert _without_switching_times(whole, inputs) == []
+    assert _without_switching_times(part, {}) == []
+    (note,) = _without_switching_times(part, inputs)
+    assert note.startswith("25 % of 'command.thruster' are shares between 0 and 1")
+
+
+def test_pulses_by_their_switching_times_have_the_impulse_and_its_place(tmp_path):
+    """A valve open from 0.1 to 0.13 s on a clock of its own: the impulse is FULL 0.03 s, at 0.115 s."""
+    times = np.array([0.0, 0.1, 0.13, 0.2, 0.3])
+    shares = np.zeros((5, 4))
+    shares[1, 0] = 1.0
+    labels = {"thruster": tuple(PLACES)}
+    recording = Recording.from_arrays(times, {"command.thruster": shares}, labels=labels)
+    model = build_model(described(tmp_path))
+    inputs = commanded_inputs(model, order_columns(recording, model), "held")
+    assert inputs.thruster is not None
+    t = np.linspace(0.0, 0.3, 3001)[:-1] + 5e-5
+    force = FULL * np.array([inputs.thruster(x)[0] for x in t])
+    impulse = force.sum() * 1e-4
+    assert impulse == pytest.approx(FULL * 0.03, rel=1e-6)
+    assert (force * t).sum() * 1e-4 / impulse == pytest.approx(0.115, abs=1e-6)
 
 
 def test_the_papers_method_refuses_single_thrusters(flown, tmp_path):
