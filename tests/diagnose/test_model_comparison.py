@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose.forward_step import RESTLESS
+from smsid.diagnose.forward_step import RESTLESS, fit_from_nominal
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import (
     accept,
@@ -132,6 +132,15 @@ def test_what_a_fit_that_had_not_come_to_rest_could_reach_is_kept_without_a_caus
     assert cause is None
     assert found.objective == pytest.approx(at_rest.objective, abs=0.1)
     assert found.unknowns == stopped.unknowns
+
+
+def test_a_fit_that_has_not_come_to_rest_begins_again_from_the_nominal_parameters(restless):
+    """With an encoder's bias accepted last, tank and bodies were caught ten standard deviations off."""
+    stopped, at_rest, _ = restless
+    assert fit_from_nominal(stopped, ()).objective == pytest.approx(at_rest.objective, abs=0.1)
+    assert fit_from_nominal(at_rest, ()) is at_rest
+    begun = fit_from_nominal(replace(stopped, objective=at_rest.objective - 1.0), ())
+    assert begun.objective == at_rest.objective - 1.0, "one that is worse is not taken"
 
 
 def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeypatch):
