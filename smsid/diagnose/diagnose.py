@@ -17,7 +17,7 @@ from smsid.diagnose.hold_rivals import as_inputs_act
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import FOLLOWED
 from smsid.diagnose.open_loop import unexplained_fraction
-from smsid.diagnose.outliers import outliers, recount_outliers
+from smsid.diagnose.outliers import of_white_components, outliers, recount_outliers
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.profile_intervals import with_profile_intervals
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
@@ -29,7 +29,7 @@ from smsid.diagnose.sensor_faults import (
     resting_channels,
     stuck_channels,
 )
-from smsid.diagnose.specification_tests import open_joints
+from smsid.diagnose.specification_tests import PAST, open_joints
 from smsid.diagnose.standing_causes import find_standing_causes
 from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -193,7 +193,8 @@ def _diagnose(
             problem = replace(problem, data=drop_samples(every, still))
             found = searched(problem, found.nominal.point, found)
     found = with_profile_intervals(found)
-    seen, every = tuple(_fault(f, problem) for f in _per_channel(faults)), causes(found)
+    white = of_white_components(faults, {t.where for t in found.left if t.dependence == PAST})
+    seen, every = tuple(_fault(f, problem) for f in _per_channel(white)), causes(found)
     decided, sentence = verdict(found, (*seen, *every))
     named, partial, by, hints = every, (), found, []
     if decided == "unexplained" or found.misfit:

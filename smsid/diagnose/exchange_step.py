@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.diagnose.model_comparison import Cause, aliases_of, cost, is_distinguishable, refit
+from smsid.diagnose.plausibility import impossible_fit
 from smsid.diagnose.score_test import Candidate, Score, score_candidates, signatures
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, strengths, wald
@@ -197,12 +198,16 @@ def eliminate_backward(
 
     One that is far from doing nothing as far as its further parameters are what they are (the gap of a
     backlash, which goes with the torque of its crossing) is left out only where it is not missed. Those
-    ``proven``, by key, where misfit did not hide them, stay unless they may as well be nothing.
+    ``proven``, by key, where misfit did not hide them, stay unless they may as well be nothing. One that has
+    come to a value that cannot be is the first to go, missed or not: beside it the others bend.
     """
+
+    def is_absurd(cause: Cause) -> bool:
+        return bool(impossible_fit(last, cause.score.candidate))
 
     def doubtful(cause: Cause) -> bool:
         own = cause.score.candidate
-        if each_may_be_zero(last, own):
+        if is_absurd(cause) or each_may_be_zero(last, own):
             return True
         whole = float(chi2.sf(wald(last, own), len(own.free)))
         alone = float(chi2.sf(wald(last, own, strength=True), sum(strengths(own))))
@@ -215,7 +220,7 @@ def eliminate_backward(
         doubted = [c for c in causes if doubtful(c) and not any(c is n for n in needed)]
         if not doubted:
             break
-        worst = min(doubted, key=lambda c: wald(last, c.score.candidate))
+        worst = min(doubted, key=lambda c: (not is_absurd(c), wald(last, c.score.candidate)))
         try:
             less = without_cause(last, worst.score.candidate, nominal)
             rest = fit(less.point, less.unknowns, last.problem, iterations=20)
@@ -223,7 +228,9 @@ def eliminate_backward(
             LOGGER.info("not without %s: %s", worst.score.candidate.key, error)
             needed.append(worst)
             continue
-        if _is_needed(worst, last, rest, levels, tried, max(c.ratio for c in causes)):
+        if not is_absurd(worst) and _is_needed(
+            worst, last, rest, levels, tried, max(c.ratio for c in causes)
+        ):
             LOGGER.info("%s is missed", worst.score.candidate.key)
             needed.append(worst)
         else:

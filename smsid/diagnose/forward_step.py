@@ -26,7 +26,7 @@ from smsid.diagnose.model_comparison import (
     with_dynamics,
     with_further,
 )
-from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse, refit_noise, with_misfit
+from smsid.diagnose.noise_covariance import NEAR, InflatedFit, normalised_rmse, refit_noise, with_misfit
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_candidates, signatures
@@ -36,13 +36,14 @@ from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import distance
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.map_estimate import MapFit, evaluate, fit
+from smsid.estimation.map_estimate import MapFit, evaluate, fit, within_reach
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
 REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
 APART = 100.0  # times what the motion changed, that has to be left of it: a tenth of its size is off then
+AGAIN = 12  # steps of a fit that begins again from the nominal parameters
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -367,6 +368,7 @@ class SearchState:
         """
         counted = self.fitted.misfit
         self.current.changes.by_candidate.clear()
+        found = fit_from_nominal(found, [c.score.candidate for c in self.causes])
         told = partial(_distances_of_causes, self.causes)
         self.fitted = refit_noise(replace(self.fitted, fit=found), strong=strong, told=told)
         if self.fitted.misfit:
@@ -433,6 +435,28 @@ class SearchState:
         scores = score_candidates(self.current, seen, [self._columns[c.key] for c in seen], coarsely=coarsely)
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
         return sorted((*scores, *refused), key=self._worth, reverse=True)
+
+
+def fit_from_nominal(found: MapFit, causes: Sequence[Candidate]) -> MapFit:
+    """Return the better of a fit that has not come to rest and one from where its nominal parameters began,
+    with the parameters of ``causes`` as they are; one at rest as it is.
+
+    What stood in for a cause went far before that was there (a tank lost a tenth of its mass to an encoder's
+    bias), and the way back may be barred.
+    """
+    if found.objective - within_reach(found) < NEAR:
+        return found
+    own = {n for c in causes for n in (*c.free, *c.also)}
+    nominal = [u for u in found.unknowns if u.kind in ("inertial", "effect") and np.isfinite(u.sigma)]
+    nominal = [u for u in nominal if u.name not in own]
+    back = np.array([u.nominal - found.point.value(u) for u in nominal])
+    try:
+        again = fit(found.point.moved(nominal, back), found.unknowns, found.problem, iterations=AGAIN)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not from the nominal parameters: %s", error)
+        return found
+    LOGGER.info("from the nominal parameters: %.1f, was %.1f", again.objective, found.objective)
+    return min(found, again, key=lambda f: f.objective)
 
 
 def _distances_of_causes(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:

@@ -11,6 +11,7 @@ from math import comb
 import numpy as np
 from scipy.stats import chi2
 
+from smsid.diagnose.plausibility import impossible_fit
 from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
 from smsid.diagnose.score_test import Candidate, Score, correlation, odds
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
@@ -266,7 +267,7 @@ def without_candidate(current: MapFit, found: MapFit, candidate: Candidate) -> M
 
 def refit(current: MapFit, s: Score, at_most: float = np.inf) -> MapFit | None:
     """Return the fit with a candidate's parameters free, started from its linear estimate; given up where it
-    does not come to the objective ``at_most``.
+    does not come to the objective ``at_most``, or to values that cannot be: no likelihood speaks for these.
     """
     at_most = min(at_most, current.objective)
     candidate = s.candidate
@@ -284,9 +285,14 @@ def refit(current: MapFit, s: Score, at_most: float = np.inf) -> MapFit | None:
             if not at.physical():
                 continue
             found = fit(at, unknowns, current.problem, iterations=12, at_most=at_most)
-            return _fit_further_parameters(found, candidate) if found.objective < at_most else found
+            found = _fit_further_parameters(found, candidate) if found.objective < at_most else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
+            continue
+        absurd = impossible_fit(found, candidate)
+        if not absurd:
+            return found
+        LOGGER.info("%s is not believed: %s", candidate.key, absurd)
     return None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import replace
 from typing import Any
 
@@ -89,6 +89,13 @@ def recount_outliers(
             del again[name]
     known = [(f, f if f.channel in attitudes else again.get(f.component)) for f in faults]
     return [replace(f, value=now.value, sigma=now.sigma) for f, now in known if now is not None]
+
+
+def of_white_components(faults: Sequence[Fault], left: Set[str]) -> list[Fault]:
+    """Return the faults less outliers of components ``left``, whose errors still go with their own past:
+    those far off may be of what is not followed, too.
+    """
+    return [f for f in faults if f.kind != "outliers" or f.component not in left]
 
 
 def _in_a_row(size: np.ndarray, before: np.ndarray) -> bool:

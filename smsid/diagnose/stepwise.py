@@ -222,10 +222,8 @@ def _apply_generic_tests(state: SearchState, coarse: frozenset[str]) -> tuple[Sp
         if larger is not None and not _is_unexplained(state, again, coarse):
             state.take(larger)
             blocks = again
-    if state.fitted.misfit or not _is_unexplained(state, blocks, coarse):  # else no cause is named anyway
-        left_out = state.guarded(PRUNING, state.prune)
-        blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
-    return blocks
+    left_out = state.guarded(PRUNING, state.prune)  # what else is left, causes that are needed may stand
+    return (*state.held, *adequacy(state.current)) if left_out else blocks
 
 
 def _is_unexplained(state: SearchState, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 from smsid.diagnose.model_comparison import Cause, unfitted_parameters, with_dynamics
 from smsid.diagnose.noise_covariance import MISFIT, normalised_rmse
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
+from smsid.diagnose.plausibility import impossible_fit
 from smsid.diagnose.score_test import Candidate, score_candidates, signatures
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.wald_test import as_fitted, strengths
@@ -192,6 +193,8 @@ def _fit_with_less_process_noise(
         return None
     left = normalised_rmse(found.run)
     LOGGER.info("%s leaves %.3g times the noise", candidate.key, left)
+    if impossible_fit(found, candidate):
+        return None
     if left <= MISFIT:
         return found, ()
     if not may_be_open(candidate, problem):

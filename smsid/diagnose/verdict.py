@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from smsid._statistics import NORMAL95
 from smsid.diagnose.change_time_posterior import Began, onset_posteriors
 from smsid.diagnose.model_comparison import Cause, own_component
 from smsid.diagnose.noise_covariance import strays_by_row
+from smsid.diagnose.plausibility import impossible
 from smsid.diagnose.result import Alias, FoundCause, Limit, SignificantTest, Value, Verdict
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.specification_tests import SpecificationTest
@@ -306,33 +306,6 @@ def describe(cause: FoundCause) -> str:
         what += f", in {cause.recording!r} alone"
     others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")
-
-
-DRAGS = ("viscous", "quadratic", "cubic")
-
-
-def impossible(cause: FoundCause) -> str:
-    """Return in words which value of a cause cannot be; empty where all can.
-
-    A reversed sign (-2) can be, also of a sensor, and so can a motor that does not turn (-1).
-    """
-    for p in cause.parameters:
-        own = p.name.partition(".")[2]
-        if not math.isfinite(p.value):
-            return f"{p.name} has no finite value"
-        if (
-            cause.effect == "sensor_scale"
-            and own.startswith("error")
-            and abs(1.0 + p.value) < THRESHOLDS.sensor_reads
-        ):
-            return f"with {p.name} = {p.value:.4g} the sensor would read nothing"
-        if own == "density" and 1.0 + p.value < THRESHOLDS.body_left:
-            return f"with {p.name} = {p.value:.4g} {cause.location} would have no mass"
-        if cause.effect == "joint_friction" and own in DRAGS and p.value < 0.0:
-            return f"with {p.name} = {p.value:.4g} {p.unit} the drag would push"
-        if own in ("mass", "m") and p.value < 0.0 and (cause.effect == "payload" or p.nominal is not None):
-            return f"{p.name} = {p.value:.4g} {p.unit} is below zero"
-    return ""
 
 
 def _may_be_nothing(found: Search, cause: Cause) -> str:

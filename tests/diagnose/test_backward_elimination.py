@@ -3,10 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from smsid.diagnose import stepwise
 from smsid.diagnose.exchange_step import eliminate_backward
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.score_test import Candidate, Score
+from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.errors import SimulationError
 
@@ -24,12 +27,13 @@ def fitted(objective):
     )
 
 
-def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False, beside=("joint2",)):
+def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False, absurd="", beside=("joint2",)):
     """Where the causes are that stay of two, of which the first's strength has a statistic ``alone``.
 
     ``whole`` is that of all its parameters, ``held`` that with its further parameters held, ``rest`` the
     objective of the fit without it, ``None`` where there is none; with it, it is zero. ``zero``: the interval
-    of each of its strengths holds nothing. The second is ``beside`` it, if at all.
+    of each of its strengths holds nothing. The one ``absurd`` has a value that cannot be. The second is
+    ``beside`` it, if at all.
     """
 
     by_itself = held
@@ -46,6 +50,10 @@ def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False, b
         monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
     monkeypatch.setattr(
         "smsid.diagnose.exchange_step.each_may_be_zero", lambda _, c: zero and c.location == "joint1"
+    )
+    monkeypatch.setattr(
+        "smsid.diagnose.exchange_step.impossible_fit",
+        lambda _, c: "cannot be" if c.location == absurd else "",
     )
     monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.exchange_step.fit", refitted)
@@ -88,3 +96,37 @@ def test_one_whose_parameters_may_each_be_zero_stays_only_where_it_is_missed(mon
     assert left(monkeypatch, **told, rest=0.0) == ["joint1", "joint2"]
     assert left(monkeypatch, **told, rest=0.0, zero=True) == ["joint2"]
     assert left(monkeypatch, **told, rest=3900.0, zero=True) == ["joint1", "joint2"]
+
+
+def test_one_with_a_value_that_cannot_be_goes_first_and_missed_or_not(monkeypatch):
+    """A gyro's scale of -0.98 was the last of three causes, and what it had bent was left out before it."""
+    doubtful = dict.fromkeys(("held", "whole", "alone"), 9.0)  # but the last one stays
+    assert left(monkeypatch, **doubtful, rest=3900.0, absurd="joint2") == ["joint1"]
+    sure = dict.fromkeys(("held", "whole", "alone"), 1000.0)
+    assert left(monkeypatch, **sure, rest=3900.0, absurd="joint1") == ["joint2"]
+    assert left(monkeypatch, **sure, rest=3900.0) == ["joint1", "joint2"]
+
+
+@pytest.mark.parametrize("misfit", [True, False])
+@pytest.mark.parametrize("ratio", [0.0, 900.0])
+def test_a_needless_cause_is_left_out_whatever_else_is_left(monkeypatch, misfit, ratio):
+    """It stood in the way of those that are needed: with it, nothing was believed."""
+    state = SimpleNamespace(
+        held=(),
+        current="both",
+        fitted=SimpleNamespace(misfit=misfit),
+        causes=[],
+        levels=DetectionThresholds(),
+    )
+
+    def prune():
+        state.current = "one"
+        return True
+
+    state.prune, state.guarded = prune, lambda what, step: step()
+    monkeypatch.setattr(
+        stepwise, "adequacy", lambda fit: (SpecificationTest(f"torque of {fit}", "angle", ratio, 4),)
+    )
+    monkeypatch.setattr(stepwise, "with_further", lambda *_: None)
+    (test,) = stepwise._apply_generic_tests(state, frozenset())
+    assert test.where == "torque of one"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose.forward_step import RESTLESS
+from smsid.diagnose.forward_step import RESTLESS, fit_from_nominal
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import (
     accept,
@@ -88,6 +88,31 @@ def test_what_explains_only_without_end_is_no_cause(rubbing, monkeypatch):
     assert accept(current, score, [score], DetectionThresholds(), 60)[0] is None
 
 
+@pytest.mark.parametrize(("factor", "believed"), [(0.02, False), (0.6, True)])
+def test_an_optimum_that_cannot_be_is_no_cause(rubbing, factor, believed):
+    """A gyro whose axis y follows the motion by a fiftieth: no scale error; six tenths of it are."""
+    problem = rubbing[0].problem
+    data, values = problem.data, problem.data.values.copy()
+    row = data.names.index("imu.angular_rate[y]")
+    values[:, row] *= factor
+    current = evaluate(
+        rubbing[0].point, rubbing[0].unknowns, replace(problem, data=replace(data, values=values))
+    )
+    key = ("sensor_scale", "imu.angular_rate", "scale")
+    one = next(c for c in propose(current.point, problem, current.unknowns) if c.key == key)
+    (score,) = score_candidates(current, [one], list(signatures(current, [one]).values()))
+    found, in_vain = refit(current, score), set()
+    assert (found is not None) is believed
+    cause, reached = accept(current, score, [score], DetectionThresholds(), 60, in_vain=in_vain)
+    if believed:
+        name = f"{one.effect.name}.error.y"
+        value = found.point.value(next(u for u in found.unknowns if u.name == name))
+        assert value == pytest.approx(-0.4, abs=5e-3)
+        assert cause is not None and not in_vain
+    else:
+        assert cause is None and reached is current and in_vain == {key}
+
+
 @pytest.fixture(scope="module")
 def restless(description, known):
     """A fit without friction that stopped far from its best, that best, and a score that gains nothing."""
@@ -107,6 +132,15 @@ def test_what_a_fit_that_had_not_come_to_rest_could_reach_is_kept_without_a_caus
     assert cause is None
     assert found.objective == pytest.approx(at_rest.objective, abs=0.1)
     assert found.unknowns == stopped.unknowns
+
+
+def test_a_fit_that_has_not_come_to_rest_begins_again_from_the_nominal_parameters(restless):
+    """With an encoder's bias accepted last, tank and bodies were caught ten standard deviations off."""
+    stopped, at_rest, _ = restless
+    assert fit_from_nominal(stopped, ()).objective == pytest.approx(at_rest.objective, abs=0.1)
+    assert fit_from_nominal(at_rest, ()) is at_rest
+    begun = fit_from_nominal(replace(stopped, objective=at_rest.objective - 1.0), ())
+    assert begun.objective == at_rest.objective - 1.0, "one that is worse is not taken"
 
 
 def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeypatch):

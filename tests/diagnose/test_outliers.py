@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.outliers import outlier_share, outliers, recount_outliers
+from smsid.diagnose.outliers import of_white_components, outlier_share, outliers, recount_outliers
 from smsid.diagnose.sensor_faults import Fault
 
 
@@ -205,3 +205,16 @@ def test_too_few_to_tell_a_distribution_are_counted():
     x[[200, 500]] = 15.0, -12.0
     share, sigma, among = outlier_share(x, 2)
     assert share == 0.002 and sigma == pytest.approx(np.sqrt(0.002 * 0.998 / 1000)) and not among.any()
+
+
+def test_outliers_are_no_fault_where_the_errors_are_not_white():
+    """A panel of segments left three of its accelerometers' components behind, and one had "outliers"."""
+    wild, other, stuck = (
+        Fault(
+            kind, "panel.acceleration", f"panel.acceleration[{k}.z]", 0.02, 0.01, np.zeros((1, 1), dtype=bool)
+        )
+        for kind, k in (("outliers", 1), ("outliers", 2), ("stuck", 1))
+    )
+    left = {"panel.acceleration[1.z]", "panel.acceleration"}
+    assert of_white_components([wild, other, stuck], left) == [other, stuck]
+    assert of_white_components([wild], set()) == [wild]

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from smsid.diagnose.plausibility import impossible
 from smsid.diagnose.result import FoundCause, Value
-from smsid.diagnose.verdict import describe, impossible, verdict
+from smsid.diagnose.verdict import describe, verdict
 
 
 def cause(effect, family, location, name, value, sigma=1e-3, unit="1", nominal=None):
