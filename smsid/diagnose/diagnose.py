@@ -181,20 +181,21 @@ def _diagnose(
         LOGGER.info("commands act otherwise: %s", _timings(again))
         problem = again
         found = searched(problem, point, found)
+    before, wild = faults, []
     more = outliers(found.last.problem.data, found.last.run)
     if more:
-        every, before = problem.data, faults
+        every = problem.data
         problem, faults = replace(problem, data=drop_samples(every, more)), [*before, *more]
         found = searched(problem, found.nominal.point, found)
-        still = recount_outliers(more, every, found.last.problem, found.last.run)
-        faults = [*before, *still]
-        if len(still) < len(more):  # they were a motion that the model did not follow yet
-            LOGGER.info("outliers of %d components are none", len(more) - len(still))
-            problem = replace(problem, data=drop_samples(every, still))
+        wild = recount_outliers(more, every, found.last.problem, found.last.run)
+        faults = [*before, *wild]
+        if len(wild) < len(more):  # they were a motion that the model did not follow yet
+            LOGGER.info("outliers of %d components are none", len(more) - len(wild))
+            problem = replace(problem, data=drop_samples(every, wild))
             found = searched(problem, found.nominal.point, found)
     found = with_profile_intervals(found)
-    white = of_white_components(faults, {t.where for t in found.left if t.dependence == PAST})
-    seen, every = tuple(_fault(f, problem) for f in _per_channel(white)), causes(found)
+    white = of_white_components(wild, {t.where for t in found.left if t.dependence == PAST})
+    seen, every = tuple(_fault(f, problem) for f in _per_channel([*before, *white])), causes(found)
     decided, sentence = verdict(found, (*seen, *every))
     named, partial, by, hints = every, (), found, []
     if decided == "unexplained" or found.misfit:

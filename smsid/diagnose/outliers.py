@@ -91,11 +91,11 @@ def recount_outliers(
     return [replace(f, value=now.value, sigma=now.sigma) for f, now in known if now is not None]
 
 
-def of_white_components(faults: Sequence[Fault], left: Set[str]) -> list[Fault]:
-    """Return the faults less outliers of components ``left``, whose errors still go with their own past:
-    those far off may be of what is not followed, too.
+def of_white_components(found: Sequence[Fault], left: Set[str]) -> list[Fault]:
+    """Return the outliers but of components ``left``, whose errors still go with their own past: those far
+    off may be of what is not followed, too.
     """
-    return [f for f in faults if f.kind != "outliers" or f.component not in left]
+    return [f for f in found if f.component not in left]
 
 
 def _in_a_row(size: np.ndarray, before: np.ndarray) -> bool:
