@@ -13,7 +13,13 @@ from smsid.errors import RecordingError
 from smsid.estimation.bias_walk import bias_walks, with_walk_noise
 from smsid.estimation.followed_torques import followed_torques
 from smsid.estimation.initial_state import InitialPrior, initial_belief
-from smsid.estimation.input_hold import input_channels, is_mixed_hold, is_stepwise
+from smsid.estimation.input_hold import (
+    SHARES,
+    input_channels,
+    is_mixed_hold,
+    is_stepwise,
+    thruster_shares,
+)
 from smsid.estimation.input_timing import timings
 from smsid.estimation.measurements import (
     COMPONENTS,
@@ -112,23 +118,26 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         unknown_inputs=(*unknown, *further),
         bias_walks=bias_walks(data),
     )
-    notes += held + dropped + doubts + _without_switching_times(recording, inputs)
+    notes += held + dropped + doubts + _without_switching_times(model, recording, inputs)
     names = {int(v): n for g in (model.arm_joints, model.wheels) for n, v in zip(g.names, g.v, strict=True)}
     return Flight(label, model, problem, {names[v]: how for v, how in drives.items()}, tuple(notes))
 
 
-def _without_switching_times(recording: Recording, inputs: dict[str, str]) -> list[str]:
+def _without_switching_times(
+    model: SpacecraftModel, recording: Recording, inputs: dict[str, str]
+) -> list[str]:
     """Return a note where thrusters fire at a share of their thrust: of a pulse that is only its mean."""
-    channel = inputs.get("thruster")
-    if channel is None:
+    field = next((f for f in SHARES if f in inputs), None)
+    if field is None:
         return []
-    shares = np.asarray(recording[channel], dtype=float)
+    channel = inputs[field]
+    shares = thruster_shares(model, field, np.asarray(recording[channel], dtype=float))
     part = np.mean((shares > PART_OF_THRUST) & (shares < 1.0 - PART_OF_THRUST))
     if part == 0.0:
         return []
     return [
-        f"{100 * part:.0f} % of '{channel}' are shares between 0 and 1, taken as thrust all through their "
-        "sample: of valves that open for a part of it log each opening (1) and closing (0) instead"
+        f"{100 * part:.0f} % of '{channel}' are between no and full thrust, taken as thrust all through "
+        "their sample: of valves that open for a part of it log each opening and closing instead"
     ]
 
 

@@ -30,6 +30,7 @@ COMMANDS = {
     "wheel_torque": "command.wheel_torque",
     "joint_torque": "command.joint_torque",
 }
+SHARES = ("thruster", "thruster_force")  # the same, of full thrust and in newtons
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
@@ -54,9 +55,8 @@ def commanded_inputs(
         times = np.asarray(recording.time(channel), dtype=float)
         if hold == "jumps":
             times, values = _with_ramps(times, values.reshape(len(values), -1))
-        if field == "thruster_force":
-            full = [t.force for t in model.description.thruster]
-            field, values = "thruster", values.reshape(len(values), -1) / full
+        if field in SHARES:
+            field, values = "thruster", thruster_shares(model, field, values)
         signals[field] = Sampled.from_samples(times, values, DEGREE[hold])
     if required and all(s is None for s in signals.values()):
         raise RecordingError(
@@ -66,6 +66,12 @@ def commanded_inputs(
         )
     signals.pop("thruster_force")
     return Inputs(**signals)  # type: ignore[arg-type]
+
+
+def thruster_shares(model: SpacecraftModel, field: str, values: np.ndarray) -> np.ndarray:
+    """Return shares of full thrust (N, thrusters) of what an input among `SHARES` says of it."""
+    full = [t.force for t in model.description.thruster] if field == "thruster_force" else 1.0
+    return values.reshape(len(values), -1) / full
 
 
 def input_channels(model: SpacecraftModel, recording: Recording) -> dict[str, str]:

@@ -143,18 +143,20 @@ def test_gains_and_directions_of_single_thrusters_are_found(flown, tmp_path):
     assert found.estimate["bent.angles.y"].sigma == pytest.approx(0.05, rel=0.01)
 
 
-def test_shares_that_do_not_say_when_a_valve_opens_are_noted():
-    times, shares = np.arange(40) * 0.1, np.zeros((40, 2))
-    shares[:10, 0] = 1.0
-    whole = Recording.from_arrays(times, {"command.thruster": shares}, labels={"thruster": ("a", "b")})
+@pytest.mark.parametrize(("field", "full"), [("thruster", 1.0), ("thruster_force", FULL)])
+def test_shares_that_do_not_say_when_a_valve_opens_are_noted(tmp_path, field, full):
+    """Said of full thrust or in newtons."""
+    model, times, shares = build_model(described(tmp_path)), np.arange(40) * 0.1, np.zeros((40, 4))
+    shares[:10, 0] = full
+    channel, labels = f"command.{field}", {"thruster": tuple(PLACES)}
+    whole = Recording.from_arrays(times, {channel: shares}, labels=labels)
     shares = shares.copy()
-    shares[:20, 1] = 0.3
-    part = Recording.from_arrays(times, {"command.thruster": shares}, labels={"thruster": ("a", "b")})
-    inputs = {"thruster": "command.thruster"}
-    assert _without_switching_times(whole, inputs) == []
-    assert _without_switching_times(part, {}) == []
-    (note,) = _without_switching_times(part, inputs)
-    assert note.startswith("25 % of 'command.thruster' are shares between 0 and 1")
+    shares[:20, 1] = 0.3 * full
+    part = Recording.from_arrays(times, {channel: shares}, labels=labels)
+    assert _without_switching_times(model, whole, {field: channel}) == []
+    assert _without_switching_times(model, part, {}) == []
+    (note,) = _without_switching_times(model, part, {field: channel})
+    assert note.startswith(f"12 % of '{channel}' are between no and full thrust")
 
 
 def test_pulses_by_their_switching_times_have_the_impulse_and_its_place(tmp_path):
