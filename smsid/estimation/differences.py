@@ -26,6 +26,7 @@ from smsid.estimation.normal_equations import (
     problem_at,
 )
 from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Problem
 from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import REGULARISATION, room_within_bounds, sizes
 
@@ -153,17 +154,17 @@ def _ends(found: NormalEquations, axes: np.ndarray) -> Ends:
 def _differences(point: Point, flight: Flight, ends: Ends) -> tuple[np.ndarray, np.ndarray]:
     """Return a recording's Gram matrix (k, k) along axes and slopes (`SLOPE_PARTS`, k)."""
     gram, blocks = np.zeros((len(ends), len(ends))), np.zeros((SLOPE_PARTS, len(ends)))
-    profiled = flight.problem.profiled
+    problem = flight.problem
     middle, filters = _filter(point, flight), [[(_filter(p, flight), w) for p, w in own] for own in ends]
     count = len(flight.problem.data.times)
     for first in range(0, count, SAMPLES_AT_ONCE):
         base = Base.of(middle.advance(SAMPLES_AT_ONCE))
-        likely, columns = _likelihoods(base.run, profiled), []
+        likely, columns = _likelihoods(base.run, problem), []
         scores = np.empty((len(likely), len(ends)))
         for k, own in enumerate(filters):
             runs = [(kalman.advance(SAMPLES_AT_ONCE), width) for kalman, width in own]
-            columns.append(np.mean([base.column(there, width, profiled) for there, width in runs], axis=0))
-            gained = [(_likelihoods(there, profiled) - likely) / width for there, width in runs]
+            columns.append(np.mean([base.column(there, width, problem) for there, width in runs], axis=0))
+            gained = [(_likelihoods(there, problem) - likely) / width for there, width in runs]
             scores[:, k] = np.mean(gained, axis=0)
         flat = np.array(columns)
         gram += flat @ flat.T
@@ -191,14 +192,14 @@ class Base:
         unused = np.einsum("ni,ij->nij", ~run.used[seen], np.eye(run.used.shape[1]))
         return cls(run, seen, np.linalg.inv(run.whitening[seen] + unused))
 
-    def column(self, there: FilterRun, width: float, profiled: bool) -> np.ndarray:
+    def column(self, there: FilterRun, width: float, problem: Problem) -> np.ndarray:
         """Return what a change of a parameter does to the errors and to their covariance S, whitened.
 
         Products of such columns are the information ``e_i' S^-1 e_j + tr(S^-1 S_i S^-1 S_j) / 2``, with e_i
         and S_i the derivatives (Kay, *Estimation Theory*, section 3.9). Rows that are given are what the
         others are expected by: how the change weighs them is part of e_i, as they were read. As large as S
-        has them, which is what an unknown input may do, they are not. Where likelihoods are ``profiled``, S_i
-        tells nothing.
+        has them, which is what an unknown input may do, they are not. Where likelihoods are `profiled`, S_i
+        tells nothing; at the likeliest motion all rows are read.
         """
         here, seen, given = self.run, self.seen, self.run.given
         used, own = here.used[seen], ~given
@@ -206,8 +207,10 @@ class Base:
         ratio = np.where(used[:, :, None], np.matmul(there.whitening[seen], self.root), 0.0)
         ratio -= np.einsum("ni,ij->nij", used, np.eye(used.shape[1]))
         moved = np.einsum("nij,nj->ni", here.whitening[seen], errors)
+        if problem.at_likeliest_motion:
+            return moved.ravel() / width
         moved += np.einsum("nij,nj->ni", ratio[:, :, given], here.innovations[seen][:, given])
-        if profiled:
+        if problem.profiled:
             return moved[:, own].ravel() / width
         ratio = ratio[:, own][:, :, own]
         low, high = np.triu_indices(ratio.shape[1])  # each pair once
@@ -215,9 +218,12 @@ class Base:
         return np.concatenate([moved[:, own].ravel(), spread.ravel()]) / width
 
 
-def _likelihoods(run: FilterRun, profiled: bool) -> np.ndarray:
+def _likelihoods(run: FilterRun, problem: Problem) -> np.ndarray:
+    """Return the part of each sample (N,) of the log-likelihood by which parameters are compared."""
+    if problem.at_likeliest_motion:
+        return -0.5 * (run.innovations**2).sum(axis=1)
     whole = log_likelihoods(run.innovations, run.whitening, run.given)
-    return whole - log_determinants(run.whitening, run.given) if profiled else whole
+    return whole - log_determinants(run.whitening, run.given) if problem.profiled else whole
 
 
 def _filter(point: Point, flight: Flight) -> KalmanFilter:

@@ -50,6 +50,11 @@ class FilterRun:
     volume: float = 0.0
 
     @property
+    def fit(self) -> float:
+        """The log-likelihood at the likeliest states and torques, of all readings, without constants."""
+        return -0.5 * float((self.innovations**2).sum())
+
+    @property
     def samples(self) -> int:
         """Number of innovations that count."""
         return int(self.used.sum())

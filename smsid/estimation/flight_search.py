@@ -128,6 +128,10 @@ def _settle(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], te
         ):
             found, flights = otherwise, acting
             visited += more
+    if any(f.problem.profiled for f in flights):
+        flights = [replace(f, problem=replace(f.problem, of_all_readings=True)) for f in flights]
+        found, more = maximise(found.point, unknowns, flights, tell=tell)
+        visited += more
     found, flights, more = finely_stepped(found, flights, tell)
     found, last = settled_maximum(found, [], flights, tell)
     return found, flights, visited + more + last

@@ -14,6 +14,7 @@ from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, propagate
+from smsid.estimation.smoothed_motion import smoothed_runs
 from smsid.estimation.unread_start import derivative, initial_knowledge
 
 SAMPLES_AT_ONCE = 2000  # samples whose derivatives are in memory at once
@@ -132,7 +133,7 @@ def objective_of(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Fl
 
     Raises `SimulationError` where a filter loses its recording.
     """
-    likely = sum(_log_likelihood(point, f, profiled=f.problem.profiled) for f in flights)
+    likely = sum(_compared(run, f.problem) for f in flights for run in _runs(point, f))
     return 0.5 * float(np.sum(prior_offset(point, unknowns) ** 2)) - likely
 
 
@@ -141,7 +142,7 @@ def log_likelihood_of(point: Point, flights: Sequence[Flight]) -> float:
 
     Raises `SimulationError` where a filter loses its recording.
     """
-    return sum(_log_likelihood(point, f, profiled=False) for f in flights)
+    return sum(run.log_likelihood for f in flights for run in _runs(point, f))
 
 
 def log_determinant_of(point: Point, flights: Sequence[Flight]) -> float:
@@ -154,14 +155,29 @@ def log_determinant_of(point: Point, flights: Sequence[Flight]) -> float:
     return sum(run.volume for f in own for run in _runs(point, f))
 
 
-def _log_likelihood(point: Point, flight: Flight, *, profiled: bool) -> float:
-    return sum(run.log_likelihood - profiled * run.volume for run in _runs(point, flight))
+def _compared(run: FilterRun, problem: Problem) -> float:
+    """Return the log-likelihood by which parameters are compared, without constants."""
+    if problem.at_likeliest_motion:
+        return run.fit
+    return run.log_likelihood - problem.profiled * run.volume
 
 
 def _runs(point: Point, flight: Flight) -> Iterator[FilterRun]:
     kalman = KalmanFilter(point.model(), problem_at(point, flight))
     for _ in range(0, len(flight.problem.data.times), SAMPLES_AT_ONCE):
         yield kalman.advance(SAMPLES_AT_ONCE)
+
+
+def _runs_along(kalman: KalmanFilter) -> Iterator[tuple[FilterRun, FilterRun]]:
+    """Yield a filter's runs, and of each what is differentiated along: itself, or the likeliest motion where
+    the likelihood is that of it.
+    """
+    if kalman.problem.at_likeliest_motion:
+        yield from smoothed_runs(kalman, SAMPLES_AT_ONCE)
+        return
+    for _ in range(0, len(kalman.problem.data.times), SAMPLES_AT_ONCE):
+        run = kalman.advance(SAMPLES_AT_ONCE)
+        yield run, run
 
 
 def normal_equations(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight]) -> NormalEquations:
@@ -211,17 +227,17 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     sums = _Sums(problem.data)
     count = len(problem.data.times)
     blocks = np.zeros((SLOPE_PARTS, len(mine)))
-    for first in range(0, count, SAMPLES_AT_ONCE):
-        run = kalman.advance(SAMPLES_AT_ONCE)
-        changes = Sensitivities(here, model, problem, run, kalman.driving)
+    for first, (run, along) in zip(range(0, count, SAMPLES_AT_ONCE), _runs_along(kalman), strict=True):
+        changes = Sensitivities(here, model, problem, along, kalman.driving)
         whitened = propagate(run, columns_of(changes, mine), delta)
-        whitened[:, run.given] = 0.0
+        if not problem.at_likeliest_motion:
+            whitened[:, run.given] = 0.0
         scores = np.einsum("nrm,nr->nm", whitened, run.innovations)
         np.add.at(blocks, np.arange(first, first + len(scores)) * SLOPE_PARTS // count, scores)
         flat = whitened.reshape(-1, len(mine))
         gram += flat.T @ flat
         likely += run.log_likelihood
-        volume += problem.profiled * run.volume
+        volume += run.log_likelihood - _compared(run, problem)
         samples += run.samples
         sums.add(np.where(run.used, run.normalised, np.nan))
     slope, scatter = blocks.sum(axis=0), blocks.T @ blocks

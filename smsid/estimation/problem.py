@@ -142,6 +142,7 @@ class Problem:
     are the recordings, where there are several (`joint_problem`): ``recording`` and ``timing`` are then the
     first's. ``coloured``: noise levels count what the model cannot follow, whose spectrum is no noise's.
     ``averaged``: parameters are compared in the mean over all torques, even where they may be `profiled`.
+    ``of_all_readings``: where they are, likelihoods are of all readings (`at_likeliest_motion`).
     """
 
     recording: Recording
@@ -157,6 +158,7 @@ class Problem:
     bias_walks: tuple[BiasWalk, ...] = ()
     coloured: bool = False
     averaged: bool = False
+    of_all_readings: bool = False
 
     @property
     def given(self) -> np.ndarray:
@@ -183,6 +185,17 @@ class Problem:
         """
         followed = any(u.row >= 0 for u in self.unknown_inputs)
         return followed and not (self.noise.more or self.averaged)
+
+    @property
+    def at_likeliest_motion(self) -> bool:
+        """Whether likelihoods that are `profiled` are those at the likeliest motion, of all readings.
+
+        That is a minimum over states and torques, along which slopes are exact
+        (`smsid.estimation.smoothed_motion`). Else what was read of joints and wheels is given, and what is
+        compared are the others beside: of a model that may err, as errors go with what they move, and in a
+        search, where readings that a wrong model leaves far off are not to lead.
+        """
+        return self.profiled and self.of_all_readings and not self.noise.accelerations
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""

@@ -28,7 +28,7 @@ from smsid.kernel.spatial import (
     transposed,
     wrench,
 )
-from smsid.kernel.tree import outward, workspace
+from smsid.kernel.tree import acceleration, outward, workspace
 
 
 @compile_inner
@@ -68,6 +68,17 @@ def forces_along(tree, bodies, root, times, q, v, a, load, out):
         root[TIME] = times[k]
         gravity = start_of_chart(tree, root, q[k], angles)
         inverse_dynamics(tree, bodies, root, angles, v[k], a[k], gravity, load[k], work, out[k])
+
+
+@compiled_and_cached
+def accelerations_along(tree, bodies, root, times, q, v, tau, out):
+    """Write accelerations (N, nv) at states q (N, nq), v (N, nv) under applied forces ``tau`` (N, nv)."""
+    n = len(tree)
+    work, angles = workspace(n), np.empty(n)
+    for k in range(len(times)):
+        root[TIME] = times[k]
+        gravity = start_of_chart(tree, root, q[k], angles)
+        acceleration(tree, bodies, root, angles, v[k], tau[k], gravity, work, out[k])
 
 
 @compiled_and_cached

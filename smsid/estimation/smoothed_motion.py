@@ -1,0 +1,148 @@
+"""A filter's run with the motion as all readings have it, of which slopes of a likelihood are exact.
+
+Where the likelihood is compared at the likeliest states and torques, they are at a minimum of what it costs:
+that they move with a parameter changes nothing, and its slope is the one along them (the envelope theorem).
+So the filter's predictions, which know of earlier readings only, are replaced by smoothed states before
+anything is differentiated along them. Smoothing is by disturbances, without a covariance a sample (Koopman,
+Biometrika 80 (1993) 117): backwards ``lambda = (I - K H)' F' lambda_next - H' S^-1 r``, then forwards
+``d_next = F (d - K r) - Q lambda_next`` from ``d = - P lambda`` at the first sample, with d what is added to
+the predictions, Q the noise of the process and the other names as in `smsid.estimation.smoother`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.estimation.filter_pass import compiled_pays
+from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.kalman import KalmanFilter
+from smsid.estimation.process_model import ProcessModel
+from smsid.kernel.arrays import Kernel
+from smsid.kernel.derivatives import accelerations_along
+from smsid.simulate.trajectory import States
+
+
+def smoothed_runs(kalman: KalmanFilter, samples: int) -> Iterator[tuple[FilterRun, FilterRun]]:
+    """Yield runs of a filter from its first sample on, so many ``samples`` each: as it ran, and with
+    ``states`` and ``middle`` smoothed by all samples.
+
+    Of more samples than that, the filter runs three times, so that little is in memory. ``errors`` of what is
+    smoothed are zero: there is nothing left to correct. Raises `SimulationError` when the filter loses the
+    recording.
+    """
+    count = len(kalman.problem.data.times)
+    width, whole = len(kalman.covariance), max(1, -(-count // samples))
+    starts: list[KalmanFilter] = []
+    for _ in range(whole):
+        starts.append(copy(kalman))
+        if whole > 1:
+            kalman.advance(samples)
+    ends = [np.zeros(width)]
+    for start in starts[:0:-1]:
+        ends.append(_slopes(copy(start).advance(samples), ends[-1])[0])
+    plant, change = kalman.base.plant, None
+    kernel = plant.kernel() if compiled_pays() else None
+    for start, end in zip(starts, ends[::-1], strict=True):
+        first = start.covariance
+        run = start.advance(samples)
+        slopes = np.vstack([_slopes(run, end), end])
+        change = -first @ slopes[0] if change is None else change
+        here, after = _changes(kalman, run, slopes, change)
+        change = here[-1]
+        yield run, _moved(run, here, after, plant, kernel, kalman.forces.acts)
+
+
+def _slopes(run: FilterRun, end: np.ndarray) -> np.ndarray:
+    """Return lambda (N, x) at the samples of a run, of ``end`` (x,) at the one after it."""
+    pulls = np.einsum("nsx,nrs,nr->nx", run.sensitivity, run.whitening, run.innovations, optimize=True)
+    out, now = np.empty_like(pulls), end
+    for k in range(len(out) - 1, -1, -1):
+        if k < len(run.transition):
+            now = run.transition[k].T @ now
+        out[k] = now = now - run.sensitivity[k].T @ (run.gain[k].T @ now) - pulls[k]
+    return out
+
+
+def _changes(
+    kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what smoothing adds to predictions (N, x), also that of a sample after the run, if there is one,
+    and to what the filter had after each reading (N, x); ``first`` (x,) is that of the first prediction.
+    """
+    noise = _process_noise(kalman, run, slopes[1:])
+    corrections = np.einsum("nxr,nr->nx", run.gain, np.where(run.used, run.errors, 0.0))
+    here, after = [first], np.empty_like(corrections)
+    for k, correction in enumerate(corrections):
+        after[k] = here[k] - correction
+        if k < len(run.transition):
+            here.append(run.transition[k] @ after[k] - noise[k])
+    return np.array(here), after
+
+
+def _process_noise(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.ndarray:
+    """Return Q lambda (N, x) for ``slopes`` lambda (N, x) at the samples that transitions lead to."""
+    move, walk = run.transition, kalman.forces.walk
+    lead, passed = slopes[: len(move)], np.diff(run.edges)[: len(move), None]
+    nv = kalman.model.nv
+    inner, known = 2 * nv, 2 * nv + walk.shape[1]
+    pushed = np.einsum("nxi,nij->nxj", run.forcing, run.middle_inverse)
+    out = np.einsum("nxj,nj->nx", pushed, kalman.input_noise * np.einsum("nxj,nx->nj", pushed, lead))
+    moved, onwards = move[:, :inner, inner:known], move[:, inner:known, inner:known]
+    own = np.einsum("nij,ni->nj", onwards, lead[:, inner:known])
+    drawn = np.einsum("nxj,nx->nj", moved, lead[:, :inner])
+    end, common, mean = (row * passed for row in walk)
+    out[:, :inner] += np.einsum("nxj,nj->nx", moved, mean * drawn + common * own)
+    out[:, inner:known] += np.einsum("nij,nj->ni", onwards, common * drawn + end * own)
+    if kalman.walks is not None:
+        out[:, known:] += kalman.walks.rates * passed * lead[:, known:]
+    return out
+
+
+def _moved(
+    run: FilterRun,
+    here: np.ndarray,
+    after: np.ndarray,
+    plant: ProcessModel,
+    kernel: Kernel | None,
+    acts: np.ndarray,
+) -> FilterRun:
+    """Return a run with states at samples changed by ``here`` (N or more, x), and between them by what is
+    left of it after readings (``after``) and at the next sample.
+
+    What a force does between samples is by the mean of accelerations there, which is what takes the one rate
+    to the next.
+    """
+    nv, count = plant.nv, len(run.middle.time)
+    ends = after[:count], here[1 : count + 1]
+    middle = _states(run.middle, 0.5 * (ends[0] + ends[1]), plant, kernel, acts)
+    rates = slice(nv, 2 * nv)
+    rise = (ends[1][:, rates] - ends[0][:, rates]) / np.diff(run.edges)[:count, None]
+    return replace(
+        run,
+        states=_states(run.states, here[: len(run.states.time)], plant, kernel, acts),
+        middle=replace(middle, a=run.middle.a + rise),
+        errors=np.zeros_like(run.errors),
+    )
+
+
+def _states(
+    states: States, change: np.ndarray, plant: ProcessModel, kernel: Kernel | None, acts: np.ndarray
+) -> States:
+    """Return states moved by changes (N, x) of the tangent of q, of v and of forces on ``acts`` (k,)."""
+    nv = plant.nv
+    steps = zip(states.q, change[:, :nv], strict=True)
+    q = np.array([pin.integrate(plant.pin, *x) for x in steps]).reshape(states.q.shape)
+    v, tau = states.v + change[:, nv : 2 * nv], states.tau.copy()
+    tau[:, acts] += change[:, 2 * nv : 2 * nv + len(acts)]
+    a = np.empty_like(v)
+    if kernel is not None:
+        accelerations_along(*kernel.arrays, states.time, q, v, tau, a)
+    else:
+        for k, (t, *at) in enumerate(zip(states.time, q, v, tau, strict=True)):
+            a[k] = plant.acceleration(float(t), *at)
+    return replace(states, q=q, v=v, tau=tau, a=a)

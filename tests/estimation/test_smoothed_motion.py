@@ -1,0 +1,129 @@
+"""The likeliest motion by disturbances, and slopes along it: against another smoother, and differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from smsid.estimation import normal_equations as equations
+from smsid.estimation import smoothed_motion
+from smsid.estimation.flight import FlightOptions, flight_of
+from smsid.estimation.kalman import KalmanFilter
+from smsid.estimation.normal_equations import normal_equations, objective_of, problem_at
+from smsid.estimation.parameter_vector import Point
+from smsid.estimation.retraction import retract
+from smsid.estimation.smoothed_motion import smoothed_runs
+from smsid.estimation.smoother import smoothed_states
+from smsid.estimation.unknowns import unknowns_of
+
+from .satellite import Satellite, guess, recorded, true_values
+
+COMMANDS = ("command.force", "command.torque", "command.wheel_torque")
+
+
+def turning(t):
+    return np.zeros(3), np.zeros(3), 0.1 * np.sin(np.array([0.9, 1.3, 0.6]) * t)
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    """A point near the truth, a flight of 8 s whose wheels follow measured motion, and a gyro that wanders."""
+    truth = Satellite(tank=(1e-9, 1e-9, 1e-9))
+    recording = recorded(truth, truth.fly(8.0, turning), np.random.default_rng(5), without=COMMANDS)
+    described = guess(tmp_path_factory.mktemp("followed"), truth, off=0.0, tank=False)
+    gyro = next(s for s in described.sensor if s.name == "gyro")
+    rate = gyro.errors["angular_rate"].model_copy(update={"random_walk": 2e-6})
+    wanders = gyro.model_copy(update={"errors": gyro.errors | {"angular_rate": rate}})
+    sensors = tuple(wanders if s is gyro else s for s in described.sensor)
+    begun = Point.of(described.model_copy(update={"sensor": sensors}))
+    unknowns, true = unknowns_of(begun).unknowns, true_values(truth, tank=False)
+    point = retract(begun, unknowns, np.array([1.002 * true[u.name] - begun.value(u) for u in unknowns]))
+    flight = flight_of(point, recording, "flight", FlightOptions())
+    return point, replace(flight, problem=replace(flight.problem, of_all_readings=True))
+
+
+def paths(point, flight, samples):
+    return list(smoothed_runs(KalmanFilter(point.model(), problem_at(point, flight)), samples))
+
+
+def joined(runs, name, where="states"):
+    return np.concatenate([getattr(getattr(r, where), name) for _, r in runs])
+
+
+def test_a_gyro_wanders_and_wheels_are_followed(followed):
+    _, flight = followed
+    assert flight.problem.at_likeliest_motion
+    assert flight.problem.bias_walks
+
+
+@pytest.mark.parametrize("samples", [7, 2000])
+def test_it_is_the_motion_that_smoothing_by_covariances_finds(followed, samples):
+    """Bryson and Frazier's smoother needs a covariance a sample, and knows nothing of pieces."""
+    point, flight = followed
+    runs, model = paths(point, flight, samples), point.model()
+    other = smoothed_states(model, problem_at(point, flight))
+    predicted = np.concatenate([r.states.v for r, _ in runs])
+    moved = np.abs(other.states.v - predicted).max(axis=0)
+    np.testing.assert_allclose((joined(runs, "v") - other.states.v) / moved, 0.0, atol=1e-6)
+    turned = [pin.difference(model.pin, a, b) for a, b in zip(joined(runs, "q"), other.states.q, strict=True)]
+    assert np.abs(turned).max() < 1e-6 * moved.max()
+
+
+def test_forces_on_the_way_take_one_rate_to_the_next(followed):
+    """A motion in the mean of whose accelerations nothing is left over, but for what steps leave (h^2)."""
+    point, flight = followed
+    ((_, run),) = paths(point, flight, 2000)
+    mean = np.diff(run.states.v, axis=0) / np.diff(run.states.time)[:, None]
+    assert np.abs(run.middle.a - mean).max() < 1e-3 * np.abs(mean).max()
+
+
+def test_without_compiled_code_it_is_the_same(followed, monkeypatch):
+    point, flight = followed
+    runs = paths(point, flight, 2000)
+    monkeypatch.setattr(smoothed_motion, "compiled_pays", lambda: False)
+    plain = paths(point, flight, 2000)
+    for where in ("states", "middle"):
+        there = joined(runs, "a", where)
+        np.testing.assert_allclose(joined(plain, "a", where), there, atol=1e-9 * np.abs(there).max())
+
+
+def slope_errors(point, flight):
+    """Return by how much slopes differ from differences to both sides, and the slopes, in sigmas (m,)."""
+    unknowns = list(unknowns_of(point).unknowns)
+    found = normal_equations(point, unknowns, [flight])
+    size, off = np.sqrt(np.diag(found.gram)), []
+    for i, u in enumerate(unknowns):
+        step = np.zeros(len(unknowns))
+        step[i] = 1e-2 / size[i] * u.scale
+        up, down = (objective_of(retract(point, unknowns, s * step), unknowns, [flight]) for s in (1.0, -1.0))
+        off.append(-(up - down) / 2e-2 - found.slope[i] / size[i])
+    return np.array(off), found.slope / size
+
+
+@pytest.mark.parametrize("samples", [30, 2000])
+def test_slopes_are_those_of_the_objective(followed, samples, monkeypatch):
+    """Some sigmas off the maximum; what is left is of the filter's linearisation about what it had."""
+    monkeypatch.setattr(equations, "SAMPLES_AT_ONCE", samples)
+    off, slope = slope_errors(*followed)
+    assert np.abs(slope).max() > 1.0
+    assert np.abs(off).max() < 0.06
+
+
+def test_along_filtered_states_slopes_lack_a_part(followed, monkeypatch):
+    """What is shown by the test before: otherwise it could not fail."""
+    monkeypatch.setattr(
+        equations, "_runs_along", lambda kalman: [(run := kalman.advance(2000), run) for _ in range(1)]
+    )
+    off, _ = slope_errors(*followed)
+    assert np.abs(off).max() > 0.2
+
+
+def test_a_model_that_may_err_is_compared_beside_what_was_read_of_wheels(followed):
+    """Its errors go with what they move: that is no minimum along which slopes are exact."""
+    _, flight = followed
+    noise = replace(flight.problem.noise, accelerations=((3, 1e-4),))
+    loose = replace(flight.problem, noise=noise)
+    assert loose.profiled and not loose.at_likeliest_motion
