@@ -199,16 +199,17 @@ class Base:
         and S_i the derivatives (Kay, *Estimation Theory*, section 3.9). Rows that are given are what the
         others are expected by: how the change weighs them is part of e_i, as they were read. As large as S
         has them, which is what an unknown input may do, they are not. Where likelihoods are `profiled`, S_i
-        tells nothing; at the likeliest motion all rows are read.
+        tells nothing. At the likeliest motion a sum of squares of all rows counts: the change is that of what
+        is squared.
         """
         here, seen, given = self.run, self.seen, self.run.given
+        if problem.at_likeliest_motion:
+            return (there.innovations - here.innovations)[seen].ravel() / width
         used, own = here.used[seen], ~given
         errors = np.where(used, there.errors[seen] - here.errors[seen], 0.0)
         ratio = np.where(used[:, :, None], np.matmul(there.whitening[seen], self.root), 0.0)
         ratio -= np.einsum("ni,ij->nij", used, np.eye(used.shape[1]))
         moved = np.einsum("nij,nj->ni", here.whitening[seen], errors)
-        if problem.at_likeliest_motion:
-            return moved.ravel() / width
         moved += np.einsum("nij,nj->ni", ratio[:, :, given], here.innovations[seen][:, given])
         if problem.profiled:
             return moved[:, own].ravel() / width

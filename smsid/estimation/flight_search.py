@@ -19,7 +19,7 @@ from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
 from smsid.estimation.inertial_combinations import reported_parameters
-from smsid.estimation.likeliest_torques import are_told_by_torques, with_mean_torques
+from smsid.estimation.likeliest_torques import are_told_by_torques, at_likeliest_motion, with_mean_torques
 from smsid.estimation.loosening import FIRST_SHARE, SHARE_RATIO, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import NormalEquations
@@ -103,22 +103,28 @@ def _as_guessed(unknown: Unknown) -> Unknown:
 def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
     """Return the maximum of the model as it is, near a point.
 
-    At the likeliest torques, where torques tell what is asked; else in the mean over all.
+    At the likeliest torques, where torques tell what is asked; else in the mean over all. The likeliest
+    motion of all readings comes last: in a search that has far to go, readings that a wrong model leaves far
+    off would lead, and where no torque has moved the craft, noise would fit noise.
     """
     if tell is not None:
         tell("search with the model as it is")
     if any(f.problem.profiled for f in flights):
         try:
-            found, taken, visited = _settle(point, unknowns, flights, tell)
-            if are_told_by_torques(found, taken):  # it has not gone off to where noise fits noise
-                return found, taken, visited
+            found, taken, visited = _searched(point, unknowns, flights, tell)
+            if are_told_by_torques(found, taken):
+                taken = at_likeliest_motion(taken)
+                found, more = maximise(found.point, unknowns, taken, tell=tell)
+                found, taken, visited = _settled(found, taken, [*visited, *more], tell)
+                if are_told_by_torques(found, taken):  # it has not gone off to where noise fits noise
+                    return found, taken, visited
         except NotIdentifiableError as error:
             LOGGER.info("not at the likeliest torques: %s", error)
-    return _settle(point, unknowns, with_mean_torques(flights), tell)
+    return _settled(*_searched(point, unknowns, with_mean_torques(flights), tell), tell)
 
 
-def _settle(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
-    """Return the maximum near a point, with commands and steps as they are likeliest there."""
+def _searched(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
+    """Return the maximum near a point, with commands as they are likeliest there."""
     found, visited = maximise(point, unknowns, flights, tell=tell)
     acting = [as_commands_act(found.point, unknowns, f, has_converged(found)) for f in flights]
     if any(a.problem.timing != f.problem.timing for a, f in zip(acting, flights, strict=True)):
@@ -126,15 +132,17 @@ def _settle(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], te
         if likelihood_with_own_walks(otherwise.point, acting) > likelihood_with_own_walks(
             found.point, flights
         ):
-            found, flights = otherwise, acting
-            visited += more
-    if any(f.problem.profiled for f in flights):
-        flights = [replace(f, problem=replace(f.problem, of_all_readings=True)) for f in flights]
-        found, more = maximise(found.point, unknowns, flights, tell=tell)
-        visited += more
+            return otherwise, acting, visited + more
+    return found, flights, visited
+
+
+def _settled(
+    found: NormalEquations, flights: list[Flight], visited: list[NormalEquations], tell: Tell | None
+) -> Found:
+    """Return a maximum at rest, with steps as short as it needs."""
     found, flights, more = finely_stepped(found, flights, tell)
     found, last = settled_maximum(found, [], flights, tell)
-    return found, flights, visited + more + last
+    return found, flights, [*visited, *more, *last]
 
 
 def settled_maximum(

@@ -14,8 +14,9 @@ from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, propagate
-from smsid.estimation.smoothed_motion import smoothed_runs
+from smsid.estimation.smoothed_motion import SmoothedRun, smoothed_runs
 from smsid.estimation.unread_start import derivative, initial_knowledge
+from smsid.estimation.walks_by_gain import GainedWalks, walks_as_read
 
 SAMPLES_AT_ONCE = 2000  # samples whose derivatives are in memory at once
 SLOPE_PARTS = 40  # parts of a recording whose slopes are compared
@@ -168,7 +169,7 @@ def _runs(point: Point, flight: Flight) -> Iterator[FilterRun]:
         yield kalman.advance(SAMPLES_AT_ONCE)
 
 
-def _runs_along(kalman: KalmanFilter) -> Iterator[tuple[FilterRun, FilterRun]]:
+def _runs_along(kalman: KalmanFilter) -> Iterator[SmoothedRun]:
     """Yield a filter's runs, and of each what is differentiated along: itself, or the likeliest motion where
     the likelihood is that of it.
     """
@@ -177,7 +178,7 @@ def _runs_along(kalman: KalmanFilter) -> Iterator[tuple[FilterRun, FilterRun]]:
         return
     for _ in range(0, len(kalman.problem.data.times), SAMPLES_AT_ONCE):
         run = kalman.advance(SAMPLES_AT_ONCE)
-        yield run, run
+        yield SmoothedRun(run, run)
 
 
 def normal_equations(point: Point, unknowns: Sequence[Unknown], flights: Sequence[Flight]) -> NormalEquations:
@@ -204,7 +205,7 @@ def problem_at(point: Point, flight: Flight) -> Problem:
     """Return the problem with the sensors, and the state at its beginning, as they are at the point."""
     sensors = point.for_recording(flight.label).sensors()
     data = flight.problem.data.with_blocks(sensors)
-    return replace(flight.problem, data=data, begin=initial_knowledge(point, flight))
+    return walks_as_read(replace(flight.problem, data=data, begin=initial_knowledge(point, flight)))
 
 
 def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
@@ -227,9 +228,11 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     sums = _Sums(problem.data)
     count = len(problem.data.times)
     blocks = np.zeros((SLOPE_PARTS, len(mine)))
-    for first, (run, along) in zip(range(0, count, SAMPLES_AT_ONCE), _runs_along(kalman), strict=True):
-        changes = Sensitivities(here, model, problem, along, kalman.driving)
-        whitened = propagate(run, columns_of(changes, mine), delta)
+    walks = GainedWalks.of(here, mine, problem)
+    for first, smoothed in zip(range(0, count, SAMPLES_AT_ONCE), _runs_along(kalman), strict=True):
+        run = smoothed.ran
+        changes = Sensitivities(here, model, problem, smoothed.along, kalman.driving)
+        whitened = propagate(run, walks.with_walks(columns_of(changes, mine), smoothed, delta), delta)
         if not problem.at_likeliest_motion:
             whitened[:, run.given] = 0.0
         scores = np.einsum("nrm,nr->nm", whitened, run.innovations)

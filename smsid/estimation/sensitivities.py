@@ -38,8 +38,8 @@ Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
 class Sensitivity:
     """Derivatives by one parameter: of generalised forces between samples (N - 1, k) and at them (N, k), on
     the degrees of freedom ``dofs`` (k,), and of the readings ``rows`` (j,) at fixed motion (N, j); ``None``
-    where there is none. ``ahead`` (N - 1, 2 nv), tangent and rates, is of the state at the next sample, where
-    what happens within the way there is not held.
+    where there is none. ``ahead`` (N - 1, 2 nv or more), tangent and rates, then further states as they come,
+    is of the state at the next sample, where what happens within the way there is not held.
     """
 
     middle: np.ndarray | None = None
@@ -369,7 +369,8 @@ def propagate(run: FilterRun, changes: Sequence[Sensitivity], delta: np.ndarray 
     between = _stack_changes([(c.middle, c.dofs) for c in changes], moves, nv)
     at = _stack_changes([(c.at, c.dofs) for c in changes], n, nv)
     read = _stack_changes([(c.reading, c.rows) for c in changes], n, rows)
-    led = _stack_changes([(c.ahead, ...) for c in changes], moves, 2 * nv)
+    ahead = [c.ahead for c in changes]
+    led = _stack_changes([(a, ... if a is None else np.arange(a.shape[1])) for a in ahead], moves, width)
     now: np.ndarray = np.zeros((m, width)) if delta is None else np.ascontiguousarray(delta.T)
     out = np.empty((m, n, rows))
     filtered = (

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -27,9 +28,21 @@ from smsid.kernel.derivatives import accelerations_along
 from smsid.simulate.trajectory import States
 
 
-def smoothed_runs(kalman: KalmanFilter, samples: int) -> Iterator[tuple[FilterRun, FilterRun]]:
-    """Yield runs of a filter from its first sample on, so many ``samples`` each: as it ran, and with
-    ``states`` and ``middle`` smoothed by all samples.
+class SmoothedRun(NamedTuple):
+    """A run of a filter, as it ``ran`` and ``along`` the smoothed motion; of that what the k unknown forces
+    and rates ``begin`` with (k,), zero after the first run, and what it did to the next states that they
+    ``wandered`` (N - 1, k, x). ``None`` where nothing was smoothed.
+    """
+
+    ran: FilterRun
+    along: FilterRun
+    begin: np.ndarray | None = None
+    wandered: np.ndarray | None = None
+
+
+def smoothed_runs(kalman: KalmanFilter, samples: int) -> Iterator[SmoothedRun]:
+    """Yield runs of a filter from its first sample on, so many ``samples`` each, ``states`` and ``middle``
+    smoothed by all samples.
 
     Of more samples than that, the filter runs three times, so that little is in memory. ``errors`` of what is
     smoothed are zero: there is nothing left to correct. Raises `SimulationError` when the filter loses the
@@ -52,9 +65,13 @@ def smoothed_runs(kalman: KalmanFilter, samples: int) -> Iterator[tuple[FilterRu
         run = start.advance(samples)
         slopes = np.vstack([_slopes(run, end), end])
         change = -first @ slopes[0] if change is None else change
-        here, after = _changes(kalman, run, slopes, change)
+        wandered = _wandered(kalman, run, slopes[1:])
+        here, after = _changes(kalman, run, slopes, change, wandered)
+        known = slice(2 * plant.nv, 2 * plant.nv + wandered.shape[1])
+        begin = change[known] if start is starts[0] else np.zeros(wandered.shape[1])
         change = here[-1]
-        yield run, _moved(run, here, after, plant, kernel, kalman.forces.acts)
+        along = _moved(run, here, after, plant, kernel, kalman.forces.acts)
+        yield SmoothedRun(run, along, begin, wandered)
 
 
 def _slopes(run: FilterRun, end: np.ndarray) -> np.ndarray:
@@ -69,36 +86,45 @@ def _slopes(run: FilterRun, end: np.ndarray) -> np.ndarray:
 
 
 def _changes(
-    kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray, first: np.ndarray
+    kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray, first: np.ndarray, wandered: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what smoothing adds to predictions (N, x), also that of a sample after the run, if there is one,
     and to what the filter had after each reading (N, x); ``first`` (x,) is that of the first prediction.
     """
-    noise = _process_noise(kalman, run, slopes[1:])
+    noise = wandered.sum(axis=1) - _other_noise(kalman, run, slopes[1:])
     corrections = np.einsum("nxr,nr->nx", run.gain, np.where(run.used, run.errors, 0.0))
     here, after = [first], np.empty_like(corrections)
     for k, correction in enumerate(corrections):
         after[k] = here[k] - correction
         if k < len(run.transition):
-            here.append(run.transition[k] @ after[k] - noise[k])
+            here.append(run.transition[k] @ after[k] + noise[k])
     return np.array(here), after
 
 
-def _process_noise(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.ndarray:
-    """Return Q lambda (N, x) for ``slopes`` lambda (N, x) at the samples that transitions lead to."""
-    move, walk = run.transition, kalman.forces.walk
+def _wandered(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.ndarray:
+    """Return what the walk of each unknown force or rate does to the next state (N, k, x): - Q lambda for
+    ``slopes`` lambda (N, x) at the samples that transitions lead to.
+    """
+    move, walk, inner = run.transition, kalman.forces.walk, 2 * kalman.model.nv
+    known = inner + walk.shape[1]
     lead, passed = slopes[: len(move)], np.diff(run.edges)[: len(move), None]
-    nv = kalman.model.nv
-    inner, known = 2 * nv, 2 * nv + walk.shape[1]
-    pushed = np.einsum("nxi,nij->nxj", run.forcing, run.middle_inverse)
-    out = np.einsum("nxj,nj->nx", pushed, kalman.input_noise * np.einsum("nxj,nx->nj", pushed, lead))
     moved, onwards = move[:, :inner, inner:known], move[:, inner:known, inner:known]
     own = np.einsum("nij,ni->nj", onwards, lead[:, inner:known])
     drawn = np.einsum("nxj,nx->nj", moved, lead[:, :inner])
     end, common, mean = (row * passed for row in walk)
-    out[:, :inner] += np.einsum("nxj,nj->nx", moved, mean * drawn + common * own)
-    out[:, inner:known] += np.einsum("nij,nj->ni", onwards, common * drawn + end * own)
+    out = np.zeros((len(move), walk.shape[1], lead.shape[1]))
+    out[:, :, :inner] = -np.einsum("nxj,nj->njx", moved, mean * drawn + common * own)
+    out[:, :, inner:known] = -np.einsum("nij,nj->nji", onwards, common * drawn + end * own)
+    return out
+
+
+def _other_noise(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.ndarray:
+    """Return Q lambda (N, x) of inputs that err, and of biases that wander."""
+    lead, passed = slopes[: len(run.transition)], np.diff(run.edges)[: len(run.transition), None]
+    pushed = np.einsum("nxi,nij->nxj", run.forcing, run.middle_inverse)
+    out = np.einsum("nxj,nj->nx", pushed, kalman.input_noise * np.einsum("nxj,nx->nj", pushed, lead))
     if kalman.walks is not None:
+        known = 2 * kalman.model.nv + kalman.forces.walk.shape[1]
         out[:, known:] += kalman.walks.rates * passed * lead[:, known:]
     return out
 

@@ -15,9 +15,10 @@ from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.normal_equations import normal_equations, objective_of, problem_at
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.retraction import retract
-from smsid.estimation.smoothed_motion import smoothed_runs
+from smsid.estimation.smoothed_motion import SmoothedRun, smoothed_runs
 from smsid.estimation.smoother import smoothed_states
-from smsid.estimation.unknowns import unknowns_of
+from smsid.estimation.unknowns import sensor_unknowns, unknowns_of
+from smsid.sensing.error_model import ErrorModel
 
 from .satellite import Satellite, guess, recorded, true_values
 
@@ -30,19 +31,26 @@ def turning(t):
 
 @pytest.fixture(scope="module")
 def followed(tmp_path_factory):
-    """A point near the truth, a flight of 8 s whose wheels follow measured motion, and a gyro that wanders."""
+    """A point near the truth, its unknowns and a flight of 8 s whose wheels follow measured motion, read with
+    unknown scales, beside a gyro that wanders.
+    """
     truth = Satellite(tank=(1e-9, 1e-9, 1e-9))
     recording = recorded(truth, truth.fly(8.0, turning), np.random.default_rng(5), without=COMMANDS)
     described = guess(tmp_path_factory.mktemp("followed"), truth, off=0.0, tank=False)
     gyro = next(s for s in described.sensor if s.name == "gyro")
     rate = gyro.errors["angular_rate"].model_copy(update={"random_walk": 2e-6})
     wanders = gyro.model_copy(update={"errors": gyro.errors | {"angular_rate": rate}})
-    sensors = tuple(wanders if s is gyro else s for s in described.sensor)
+    tacho = next(s for s in described.sensor if s.name == "tacho")
+    scaled = tacho.errors["wheel_rate"].model_copy(update={"scale_sigma": 0.05})
+    uncertain = tacho.model_copy(update={"errors": {"wheel_rate": scaled}})
+    sensors = tuple({"gyro": wanders, "tacho": uncertain}.get(s.name, s) for s in described.sensor)
     begun = Point.of(described.model_copy(update={"sensor": sensors}))
-    unknowns, true = unknowns_of(begun).unknowns, true_values(truth, tank=False)
-    point = retract(begun, unknowns, np.array([1.002 * true[u.name] - begun.value(u) for u in unknowns]))
+    unknowns, true = list(unknowns_of(begun).unknowns), true_values(truth, tank=False)
+    unknowns += sensor_unknowns(begun.base, sensors, {"tacho.wheel_rate"}, "flight", set())
+    wanted = [0.01 if u.kind == "sensor" else 1.002 * true[u.name] for u in unknowns]
+    point = retract(begun, unknowns, np.array(wanted) - [begun.value(u) for u in unknowns])
     flight = flight_of(point, recording, "flight", FlightOptions())
-    return point, replace(flight, problem=replace(flight.problem, of_all_readings=True))
+    return point, unknowns, replace(flight, problem=replace(flight.problem, of_all_readings=True))
 
 
 def paths(point, flight, samples):
@@ -50,11 +58,11 @@ def paths(point, flight, samples):
 
 
 def joined(runs, name, where="states"):
-    return np.concatenate([getattr(getattr(r, where), name) for _, r in runs])
+    return np.concatenate([getattr(getattr(r.along, where), name) for r in runs])
 
 
 def test_a_gyro_wanders_and_wheels_are_followed(followed):
-    _, flight = followed
+    flight = followed[-1]
     assert flight.problem.at_likeliest_motion
     assert flight.problem.bias_walks
 
@@ -62,10 +70,10 @@ def test_a_gyro_wanders_and_wheels_are_followed(followed):
 @pytest.mark.parametrize("samples", [7, 2000])
 def test_it_is_the_motion_that_smoothing_by_covariances_finds(followed, samples):
     """Bryson and Frazier's smoother needs a covariance a sample, and knows nothing of pieces."""
-    point, flight = followed
+    point, _, flight = followed
     runs, model = paths(point, flight, samples), point.model()
     other = smoothed_states(model, problem_at(point, flight))
-    predicted = np.concatenate([r.states.v for r, _ in runs])
+    predicted = np.concatenate([r.ran.states.v for r in runs])
     moved = np.abs(other.states.v - predicted).max(axis=0)
     np.testing.assert_allclose((joined(runs, "v") - other.states.v) / moved, 0.0, atol=1e-6)
     turned = [pin.difference(model.pin, a, b) for a, b in zip(joined(runs, "q"), other.states.q, strict=True)]
@@ -74,14 +82,14 @@ def test_it_is_the_motion_that_smoothing_by_covariances_finds(followed, samples)
 
 def test_forces_on_the_way_take_one_rate_to_the_next(followed):
     """A motion in the mean of whose accelerations nothing is left over, but for what steps leave (h^2)."""
-    point, flight = followed
-    ((_, run),) = paths(point, flight, 2000)
+    point, _, flight = followed
+    run = paths(point, flight, 2000)[0].along
     mean = np.diff(run.states.v, axis=0) / np.diff(run.states.time)[:, None]
     assert np.abs(run.middle.a - mean).max() < 1e-3 * np.abs(mean).max()
 
 
 def test_without_compiled_code_it_is_the_same(followed, monkeypatch):
-    point, flight = followed
+    point, _, flight = followed
     runs = paths(point, flight, 2000)
     monkeypatch.setattr(smoothed_motion, "compiled_pays", lambda: False)
     plain = paths(point, flight, 2000)
@@ -90,9 +98,8 @@ def test_without_compiled_code_it_is_the_same(followed, monkeypatch):
         np.testing.assert_allclose(joined(plain, "a", where), there, atol=1e-9 * np.abs(there).max())
 
 
-def slope_errors(point, flight):
+def slope_errors(point, unknowns, flight):
     """Return by how much slopes differ from differences to both sides, and the slopes, in sigmas (m,)."""
-    unknowns = list(unknowns_of(point).unknowns)
     found = normal_equations(point, unknowns, [flight])
     size, off = np.sqrt(np.diag(found.gram)), []
     for i, u in enumerate(unknowns):
@@ -115,7 +122,7 @@ def test_slopes_are_those_of_the_objective(followed, samples, monkeypatch):
 def test_along_filtered_states_slopes_lack_a_part(followed, monkeypatch):
     """What is shown by the test before: otherwise it could not fail."""
     monkeypatch.setattr(
-        equations, "_runs_along", lambda kalman: [(run := kalman.advance(2000), run) for _ in range(1)]
+        equations, "_runs_along", lambda kalman: [SmoothedRun(run := kalman.advance(2000), run)]
     )
     off, _ = slope_errors(*followed)
     assert np.abs(off).max() > 0.2
@@ -123,7 +130,36 @@ def test_along_filtered_states_slopes_lack_a_part(followed, monkeypatch):
 
 def test_a_model_that_may_err_is_compared_beside_what_was_read_of_wheels(followed):
     """Its errors go with what they move: that is no minimum along which slopes are exact."""
-    _, flight = followed
+    flight = followed[-1]
     noise = replace(flight.problem.noise, accelerations=((3, 1e-4),))
     loose = replace(flight.problem, noise=noise)
     assert loose.profiled and not loose.at_likeliest_motion
+
+
+def test_a_scale_that_nothing_tells_costs_nothing(tmp_path, monkeypatch):
+    """A craft 5 % lighter, turned by wheels 5 % slower than what they read as, turns alike."""
+    truth = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
+    recording = recorded(truth, truth.fly(8.0, turning), np.random.default_rng(5), without=COMMANDS)
+    described = guess(tmp_path, truth, off=0.0, tank=False, panel=False)
+    tacho = next(s for s in described.sensor if s.name == "tacho")
+    point = Point.of(described)
+    flight = flight_of(point, recording, "flight", FlightOptions())
+    flight = replace(flight, problem=replace(flight.problem, of_all_readings=True))
+    unknowns = list(unknowns_of(point).unknowns)
+    unknowns += sensor_unknowns(
+        point.base,
+        (tacho.model_copy(update={"errors": {"wheel_rate": ErrorModel(scale_sigma=0.1)}}),),
+        {"tacho.wheel_rate"},
+        "flight",
+        set(),
+    )
+    step = np.array([0.05 if u.kind == "sensor" else point.value(u) * (1 / 1.05 - 1) for u in unknowns])
+    other = point.moved(unknowns, step)
+
+    def cost():
+        return objective_of(other, [], [flight]) - objective_of(point, [], [flight])
+
+    as_read = cost()
+    monkeypatch.setattr(equations, "walks_as_read", lambda problem: problem)
+    assert cost() < -1.0, "walks as they were would tell it: the cost falls with the torques"
+    assert abs(as_read) < 0.03 * abs(cost()), "what is left is of the first state, and grows no more"
