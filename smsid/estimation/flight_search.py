@@ -103,21 +103,20 @@ def _as_guessed(unknown: Unknown) -> Unknown:
 def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
     """Return the maximum of the model as it is, near a point.
 
-    At the likeliest torques, where torques tell what is asked; else in the mean over all. The likeliest
-    motion of all readings comes last: in a search that has far to go, readings that a wrong model leaves far
-    off would lead, and where no torque has moved the craft, noise would fit noise.
+    At the likeliest motion of all readings, where torques tell what is asked; else in the mean over all
+    torques. The search goes there last: where it has far to go, readings that a wrong model leaves far off
+    would lead.
     """
     if tell is not None:
         tell("search with the model as it is")
     if any(f.problem.profiled for f in flights):
         try:
             found, taken, visited = _searched(point, unknowns, flights, tell)
-            if are_told_by_torques(found, taken):
-                taken = at_likeliest_motion(taken)
-                found, more = maximise(found.point, unknowns, taken, tell=tell)
-                found, taken, visited = _settled(found, taken, [*visited, *more], tell)
-                if are_told_by_torques(found, taken):  # it has not gone off to where noise fits noise
-                    return found, taken, visited
+            taken = at_likeliest_motion(taken)
+            found, more = maximise(found.point, unknowns, taken, tell=tell)
+            found, taken, visited = _settled(found, taken, [*visited, *more], tell)
+            if are_told_by_torques(found, taken):  # it has not gone off to where noise fits noise
+                return found, taken, visited
         except NotIdentifiableError as error:
             LOGGER.info("not at the likeliest torques: %s", error)
     return _settled(*_searched(point, unknowns, with_mean_torques(flights), tell), tell)

@@ -15,6 +15,7 @@ from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError
 from smsid.estimation.commands_between_samples import undecided_covariance
 from smsid.estimation.contradictions import Contradiction, contradictions
+from smsid.estimation.exchange import with_likely_exchanges
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.flight_search import convergence_error, search_flights, settled_maximum
@@ -138,6 +139,7 @@ def _identify(
         if error:
             found, more = settled_maximum(*maximise(found.point, unknowns, flights, tell=tell), flights, tell)
             visited += more
+    found, exchanges = with_likely_exchanges(found, flights, tell)
     doubt, doubts = undecided_covariance(found, flights)
     searched = time.perf_counter()
     for _ in range(RESTARTS):
@@ -174,6 +176,15 @@ def _identify(
     ]
     terms = terms_of_total(rows[:own])
     parameters = [_with_terms(p, terms) if p.name == "total.mass" else p for p in parameters]
+    for x in exchanges:
+        otherwise = [_as_density(r, densities) for r in reported_parameters(x.found, described)]
+        own, there = np.linalg.inv(x.found.gram) * quality.widening**2, {r.name: r for r in otherwise}
+        parameters = [_either_way(p, there[p.name], own) if p.name in there else p for p in parameters]
+        spread = spread + gradient @ x.covariance(found) @ gradient.T
+    if exchanges:
+        sigmas = zip(parameters, np.sqrt(np.diag(spread)), strict=True)
+        parameters = [replace(p, sigma=float(s)) for p, s in sigmas]
+    doubts += [x.note for x in exchanges]
     told = [quality.sentence, *conflicts, *(c.sentence for c in disagree), *doubts]
     notes = list(dict.fromkeys(told))
     notes += [f"nothing tells the scale of '{c}': masses and inertias go with it" for c in untold]
@@ -285,6 +296,13 @@ def _with_profile_interval(p: ParameterEstimate, bent: BentInterval) -> Paramete
         note += ", which has no end"
     note = f"{told.note}; {note}".lstrip("; ")
     return replace(told, sigma=p.sigma, profile=(p.value + low, p.value + high), note=note)
+
+
+def _either_way(p: ParameterEstimate, other: Combination, covariance: np.ndarray) -> ParameterEstimate:
+    """Return a parameter with an interval that includes that of another maximum, of ``covariance`` (m, m)."""
+    reach = NORMAL95 * float(np.sqrt(other.gradient @ covariance @ other.gradient))
+    low, high = p.interval
+    return replace(p, profile=(min(low, other.value - reach), max(high, other.value + reach)))
 
 
 def _within_bounds(
