@@ -94,12 +94,12 @@ def counted(rows: Iterable[dict[str, str]]) -> dict[str, int]:
 
 
 def copied(to: Path) -> None:
-    """Copy what the tests need."""
+    """Copy what the tests need, compiled code included, which is as old as its sources."""
     to.mkdir(parents=True)
     for name in COPIED:
         source = ROOT / name
         if source.is_dir():
-            shutil.copytree(source, to / name, ignore=shutil.ignore_patterns("__pycache__", "results", "api"))
+            shutil.copytree(source, to / name, ignore=shutil.ignore_patterns("results", "api"))
         else:
             shutil.copy2(source, to / name)
 
@@ -134,7 +134,7 @@ def noticed(mutation: Mutation, copy: Path) -> dict[str, object]:
         run = subprocess.run(
             [*command, *mutation.tests],
             cwd=copy,
-            env={**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},
+            env={**os.environ, "PYTHONPATH": str(copy)},
             capture_output=True,
             text=True,
             timeout=LONGEST,
