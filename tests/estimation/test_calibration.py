@@ -86,7 +86,8 @@ def test_information_of_noise_levels_is_half_the_trace():
         own = {"used": used, "errors": errors, "innovations": errors, "given": given}
         here = SimpleNamespace(whitening=whitening, **own)
         louder = SimpleNamespace(used=used, errors=errors, whitening=whitening / np.sqrt(1.0 + width))
-        column = Base.of(here).column(louder, width, profiled=False)  # S grows in proportion: S^-1 dS = 1
+        whole = SimpleNamespace(at_likeliest_motion=False, profiled=False)
+        column = Base.of(here).column(louder, width, whole)  # S grows in proportion: S^-1 dS = 1
         assert column @ column == pytest.approx(0.5 * (~given).sum() * n, rel=1e-3)
 
 
