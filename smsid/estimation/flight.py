@@ -137,7 +137,7 @@ def _without_switching_times(
         return []
     return [
         f"{100 * part:.0f} % of '{channel}' are between no and full thrust, taken as thrust all through "
-        "their sample: of valves that open for a part of it log each opening and closing instead"
+        "their sample: of valves that open for a part of it say in the mapping where their `pulses` are"
     ]
 
 
