@@ -108,9 +108,7 @@ def with_held_joints(model: SpacecraftModel, held: Mapping[str, float]) -> Space
             advice=f"Joints of the model: {', '.join(model.arm_joints.names)}.",
         )
     joints = [int(model.pin.getJointId(n)) for n in held]
-    q = set_group_angles(
-        model.pin, JointGroup.of(model.pin, joints), model.home, np.array(list(held.values()))
-    )
+    q = set_group_angles(JointGroup.of(model.pin, joints), model.home, np.array(list(held.values())))
     reduced = pin.buildReducedModel(model.pin, joints, q)
     reduced.armature[:] = 0.0
     arms = {
@@ -119,7 +117,7 @@ def with_held_joints(model: SpacecraftModel, held: Mapping[str, float]) -> Space
     }
     every = JointGroup.of(reduced, [int(j) for group in arms.values() for j in group.joints])
     angles = [float(model.joint_angles(model.home)[model.arm_joints.names.index(n)]) for n in every.names]
-    home = set_group_angles(reduced, every, pin.neutral(reduced), np.array(angles))
+    home = set_group_angles(every, pin.neutral(reduced), np.array(angles))
     return replace(
         model,
         pin=reduced,

@@ -161,7 +161,7 @@ class ReducedDynamics:
         if self._plain:
             self._q[self.arm.q] = angles
             return self._q
-        return set_group_angles(self.pin, self.arm, self._q, angles)
+        return set_group_angles(self.arm, self._q, angles)
 
     def velocity(self, omega: np.ndarray, rates: np.ndarray, wheel_rates: np.ndarray | float) -> np.ndarray:
         """Return v of ``pin`` (nv,), linear velocity left out; overwritten by the next call.

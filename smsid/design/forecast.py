@@ -135,7 +135,7 @@ class Forecast:
             motion = experiment.joint_motion.signal()
             noise = self._noise("encoder", "joint_velocity", len(model.arm_joints))
             joints = _spline(knots, sample(motion, knots), noise)
-            home = set_group_angles(model.pin, model.arm_joints, home, motion(0.0))
+            home = set_group_angles(model.arm_joints, home, motion(0.0))
         if len(model.wheels):
             torque = experiment.wheel_torque.signal() if experiment.wheel_torque is not None else None
             angle = np.zeros((len(knots), len(model.wheels)))

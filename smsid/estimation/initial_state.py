@@ -73,7 +73,7 @@ def initial_belief(
         if unsure is not None:  # a reading tells no less than the prior, however wide its sensor's errors
             noise = np.hypot(noise, np.minimum(unsure[block.rows], _width(prior, block.quantity)))
         if block.quantity == "joint_position":
-            q = set_group_angles(model.pin, model.arm_joints, q, first)
+            q = set_group_angles(model.arm_joints, q, first)
             place[model.arm_joints.v] = np.maximum(noise, 1e-6)
         elif block.quantity == "joint_velocity":
             v[model.arm_joints.v] = first

@@ -182,7 +182,7 @@ def first_state(model: SpacecraftModel, problem: Problem) -> tuple[np.ndarray, n
             continue
         first = np.linalg.solve(block.gain, first - block.bias)
         if block.quantity == "joint_position":
-            q = set_group_angles(model.pin, model.arm_joints, q, first)
+            q = set_group_angles(model.arm_joints, q, first)
         elif block.quantity == "joint_velocity":
             v[model.arm_joints.v] = first
         elif block.quantity == "wheel_rate":

@@ -9,6 +9,7 @@ filter (Harvey, *Forecasting, Structural Time Series Models and the Kalman Filte
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 SPAN, SPANS = 1000, 4  # samples that are read at a time; spans of a long recording
 DECADES = np.arange(-3.0, 3.51, 0.5)  # of a walk, about what acceleration and jerk alone would have it
 UNKNOWN_FACTOR = 3.0  # times its root mean square that an acceleration which is not known may be
+MOST_KEPT = 1000  # readings of which what was found is kept
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,9 @@ class AccelerationWalk:
     slope: float
 
 
+_found: dict[bytes, AccelerationWalk] = {}
+
+
 def acceleration_walks(
     times: np.ndarray,
     readings: np.ndarray,
@@ -38,10 +43,34 @@ def acceleration_walks(
     """Return how accelerations behind readings (N, k) of noise ``sigma`` (k,) wander, at ``times`` (N,) [s].
 
     Readings are rates, or after two ``integrations`` angles; those that are missing are NaN. ``scales`` are
-    the root mean squares (k,) of acceleration and jerk, which the search begins about.
+    the root mean squares (k,) of acceleration and jerk, which the search begins about. What was found of a
+    reading is kept: a search for exchanged columns asks for the same ones again and again.
     """
     read = np.isfinite(readings).any(axis=1)  # others' clocks are no samples
     times, readings = times[read], readings[read]
+    keys = [
+        hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (times, y, *of_one))).digest()
+        for y, *of_one in zip(readings.T, sigma, *scales, np.full(len(sigma), integrations), strict=True)
+    ]
+    own = {key: _found[key] for key in keys if key in _found}
+    new = [i for i, key in enumerate(keys) if key not in own]
+    if new:
+        of_new = tuple(x[new] for x in scales)
+        walks = _walks(times, readings[:, new], sigma[new], integrations, of_new)
+        own.update(zip((keys[i] for i in new), walks, strict=True))
+    if len(_found) > MOST_KEPT:
+        _found.clear()
+    _found.update(own)
+    return [own[key] for key in keys]
+
+
+def _walks(
+    times: np.ndarray,
+    readings: np.ndarray,
+    sigma: np.ndarray,
+    integrations: int,
+    scales: tuple[np.ndarray, np.ndarray],
+) -> list[AccelerationWalk]:
     acceleration, jerk = (np.maximum(x, 1e-12) for x in scales)
     guesses = (np.sqrt(2.0 * acceleration * jerk), jerk * np.sqrt(2.0 * jerk / acceleration))
     ladder = 10.0**DECADES

@@ -127,7 +127,7 @@ def if_all_moved(model: SpacecraftModel) -> tuple[BaseParameters, ParameterSplit
     rng = np.random.default_rng(0)
     q, v = np.tile(model.home, (STATES, 1)), rng.standard_normal((STATES, model.nv))
     for row in q:
-        row[:] = set_group_angles(model.pin, model.arm_joints, row, rng.uniform(-2, 2, len(model.arm_joints)))
+        row[:] = set_group_angles(model.arm_joints, row, rng.uniform(-2, 2, len(model.arm_joints)))
     y, moments = regressor.momentum(q, v), first_moments(model, regressor, q)
     theta = regressor.parameters
     cm = moments @ theta / theta[::10].sum()

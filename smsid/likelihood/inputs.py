@@ -78,12 +78,7 @@ class DrivenMotion:
             if motion is None:
                 continue
             angle, v[:, group.v], a[:, group.v] = motion.values(times)
-            if all(model.pin.joints[int(j)].nq == 1 for j in group.joints):
-                q[:, group.q] = angle
-            else:
-                q = np.array(
-                    [set_group_angles(model.pin, group, x, y) for x, y in zip(q, angle, strict=True)]
-                )
+            q = set_group_angles(group, q, angle)
         return q, v, a
 
 
@@ -104,7 +99,7 @@ def measured_drive(
     home = model.home.copy()
     if held and roles.encoder is not None:
         angles = np.nanmedian(recording[f"{roles.encoder.name}.joint_position"], axis=0)
-        home = set_group_angles(model.pin, model.arm_joints, home, angles)
+        home = set_group_angles(model.arm_joints, home, angles)
     thrust = _thrust(model, recording, held)
     if held:
         return DrivenMotion(free, home, True, thrust, None, None)

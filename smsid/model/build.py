@@ -284,7 +284,7 @@ def _home(
                     advice=f"It has: {', '.join(n.removeprefix(prefix) for n in names) or 'none'}.",
                 )
             one = JointGroup.of(model, [model.getJointId(prefix + name)])
-            q = set_group_angles(model, one, q, np.array([angle]))
+            q = set_group_angles(one, q, np.array([angle]))
     return q if followers is None else _with_followers(model, d, followers, q)
 
 

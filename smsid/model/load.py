@@ -112,7 +112,7 @@ def _with_fixed(child: LoadedModel, arm: Arm) -> LoadedModel:
                 joint=name,
             )
         one = JointGroup.of(model, [model.getJointId(name)])
-        q = set_group_angles(model, one, q, np.array([arm.home.get(name, 0.0)]))
+        q = set_group_angles(one, q, np.array([arm.home.get(name, 0.0)]))
     led = {n: m for n, m in child.mimics.items() if m.joint in arm.fixed and n not in arm.home}
     following = Followers.of(model, led)
     return _weld_joints(child, arm.fixed, q if following is None else following.place_followers(model, q))
@@ -192,7 +192,7 @@ def _load(d: Description, arm: Arm | None, root: pin.JointModel | None, visuals:
     still = {n: m for n, m in mimics.items() if reading.joints[m.joint].kind == "fixed"}
     for name, mimic in still.items():  # what follows a joint that does not move stands at the offset
         one = JointGroup.of(model, [model.getJointId(name)])
-        rest = set_group_angles(model, one, rest, np.array([mimic.offset]))
+        rest = set_group_angles(one, rest, np.array([mimic.offset]))
     empty += [n for n in still if n not in empty]
     mimics = {n: m for n, m in mimics.items() if n not in still}
     visual = None

@@ -21,12 +21,16 @@ from smsid.model.inertial_forces import InertialForces
 @short_repr
 @dataclass(frozen=True)
 class JointGroup:
-    """Joints of one role: names and where they are in q and v. One degree of freedom each."""
+    """Joints of one role: names and where they are in q and v. One degree of freedom each.
+
+    Those ``endless`` (joints,) have the cosine of their angle in q, and the sine after it.
+    """
 
     names: tuple[str, ...]
     joints: np.ndarray
     q: np.ndarray
     v: np.ndarray
+    endless: np.ndarray
 
     @classmethod
     def of(cls, model: pin.Model, joints: Sequence[int]) -> JointGroup:
@@ -36,6 +40,7 @@ class JointGroup:
             np.array(joints, dtype=int),
             np.array([model.joints[j].idx_q for j in joints], dtype=int),
             np.array([model.joints[j].idx_v for j in joints], dtype=int),
+            np.array([model.joints[j].nq == 2 for j in joints], dtype=bool),
         )
 
     def __len__(self) -> int:
@@ -268,7 +273,7 @@ class SpacecraftModel:
 
     def set_joint_angles(self, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Return copies (..., nq) of q (nq,) with the arm joints at angles (..., joints)."""
-        return set_group_angles(self.pin, self.arm_joints, q, angles)
+        return set_group_angles(self.arm_joints, q, angles)
 
 
 def group_angles(model: pin.Model, group: JointGroup, q: np.ndarray) -> np.ndarray:
@@ -280,16 +285,17 @@ def group_angles(model: pin.Model, group: JointGroup, q: np.ndarray) -> np.ndarr
     return out
 
 
-def set_group_angles(model: pin.Model, group: JointGroup, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Return copies (..., nq) of q (nq,) with a group's joints at angles (..., joints)."""
+def set_group_angles(group: JointGroup, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return copies (..., nq) of q (nq,), or (..., nq), with a group's joints at angles (..., joints)."""
     angles = np.asarray(angles, dtype=float)
-    out = np.empty((*angles.shape[:-1], len(q)))
+    out = np.empty((*angles.shape[:-1], q.shape[-1]))
     out[...] = q
-    for i, (j, k) in enumerate(zip(group.joints.tolist(), group.q.tolist(), strict=True)):
-        if model.joints[j].nq == 1:
-            out[..., k] = angles[..., i]
-        else:
-            out[..., k], out[..., k + 1] = np.cos(angles[..., i]), np.sin(angles[..., i])
+    if not group.endless.any():
+        out[..., group.q] = angles
+        return out
+    plain, turned = ~group.endless, angles[..., group.endless]
+    out[..., group.q[plain]] = angles[..., plain]
+    out[..., group.q[group.endless]], out[..., group.q[group.endless] + 1] = np.cos(turned), np.sin(turned)
     return out
 
 

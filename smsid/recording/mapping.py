@@ -69,8 +69,8 @@ class ChannelTable(_Table):
         quaternion: order of the components, for attitudes.
         direction: what the quaternion turns into what, for attitudes.
         sign: for all or for each component, in the axes of the file.
-        pulses: of shares of thrust that are pulses: where in its sample a valve is open. They become the times
-            at which it opens and closes.
+        pulses: of shares of thrust that are pulses: where in its sample a valve opens. They become times
+            of opening and closing.
         labels: of joints, wheels, modes or stations.
         optional: the channel is left out when its columns are missing; the provenance says so.
     """

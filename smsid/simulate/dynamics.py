@@ -140,7 +140,7 @@ class Dynamics:
         v = v.copy()
         v[p.index] = p.velocity(t, self.model.nv)[p.index]
         if p.motion is not None:
-            q = set_group_angles(self.model.pin, self.model.arm_joints, q, p.motion.position(t))
+            q = set_group_angles(self.model.arm_joints, q, p.motion.position(t))
         return q, v
 
     def enforce_all(self, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
@@ -149,5 +149,4 @@ class Dynamics:
         v[:, p.index] = 0.0
         if p.motion is not None:
             v[:, p.joints] = sample(p.motion.velocity, times)
-            for i, angles in enumerate(sample(p.motion.position, times)):
-                q[i] = set_group_angles(self.model.pin, self.model.arm_joints, q[i], angles)
+            q[:] = set_group_angles(self.model.arm_joints, q, sample(p.motion.position, times))

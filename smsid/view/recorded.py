@@ -124,7 +124,7 @@ def _configurations(
     for role, group, what in groups:
         angles = columns(role, len(group), what)
         if angles is not None:
-            q = np.array([set_group_angles(model.pin, group, a, b) for a, b in zip(q, angles, strict=True)])
+            q = set_group_angles(group, q, angles)
     slosh = columns("slosh", 3 * len(model.slosh), "slosh")
     if slosh is not None:
         for k, joint in enumerate(model.slosh):

@@ -52,12 +52,20 @@ def fly_exp1(tanks, *, panel: bool = False, rate: float = 100.0, duration: float
     inverse = np.linalg.inv(mass)
     a = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ k, -inverse @ d]])
     b = np.concatenate([np.zeros(n), inverse[:, 0]])[:, None]
-    system = scipy.signal.StateSpace(a, b, np.hstack([-inverse @ k, -inverse @ d]), inverse[:, :1])
+    system = a, b, np.hstack([-inverse @ k, -inverse @ d]), inverse[:, :1]
     t = np.arange(round(duration * rate) + 1) / rate
     force = np.where(t < 20, 40.0, np.where(t < 40, -40.0, 0.0))
-    acceleration = scipy.signal.dlsim(system.to_discrete(1 / rate), force)[1]
+    acceleration = _held(*scipy.signal.cont2discrete(system, 1 / rate)[:4], force)
     half = np.diff(force, prepend=force[0]) / 2
     return t, force - half, acceleration - np.outer(half, inverse[:, 0])
+
+
+def _held(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """What `scipy.signal.dlsim` returns (N, outputs), in a tenth of the time: mode by mode."""
+    poles, modes = np.linalg.eig(a)
+    driven = np.linalg.solve(modes, b[:, 0])
+    states = [scipy.signal.lfilter([0.0, g], [1.0, -p], force) for p, g in zip(poles, driven, strict=True)]
+    return (np.array(states).T @ (c @ modes).T).real + np.outer(force, d[:, 0])
 
 
 @cache

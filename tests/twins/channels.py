@@ -8,6 +8,12 @@ from .numbers import Spacecraft
 from .state import Array, Inputs, State
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Of two vectors; numpy's own takes ten times as long for as few."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
 def point_acceleration(
     state: State, vdot: Array, point: Array, relative: tuple[Array, Array, Array]
 ) -> Array:
@@ -18,10 +24,8 @@ def point_acceleration(
     """
     displacement, velocity, acceleration = relative
     w, r = state.omega_b, point + displacement
-    base = vdot[:3] + np.cross(w, state.v_b)
-    return (
-        base + np.cross(vdot[3:6], r) + np.cross(w, np.cross(w, r)) + 2 * np.cross(w, velocity) + acceleration
-    )
+    base = vdot[:3] + cross(w, state.v_b)
+    return base + cross(vdot[3:6], r) + cross(w, cross(w, r)) + 2 * cross(w, velocity) + acceleration
 
 
 def panel_acceleration(numbers: Spacecraft, state: State, vdot: Array) -> Array:
@@ -39,7 +43,7 @@ def sample(numbers: Spacecraft, state: State, vdot: Array, inputs: Inputs, hold:
     x, y, z, w = state.quaternion
     return {
         "base_pos_P": state.position + state.attitude @ point,
-        "base_vel_P": state.attitude @ (state.v_b + np.cross(state.omega_b, point)),
+        "base_vel_P": state.attitude @ (state.v_b + cross(state.omega_b, point)),
         "quat_wxyz": np.array([w, x, y, z]),
         "omega_body": state.omega_b,
         "acc_imu_body": point_acceleration(state, vdot, point, still),

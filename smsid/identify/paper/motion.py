@@ -100,12 +100,8 @@ class MeasuredMotion:
         n = len(self)
         q, v = np.tile(model.home, (n, 1)), np.zeros((n, model.nv))
         arm = model.arm_joints
-        if len(arm) and all(model.pin.joints[int(j)].nq == 1 for j in arm.joints):
-            q[:, arm.q] = self.angles
-        elif len(arm):
-            pairs = zip(q, self.angles, strict=True)
-            q = np.array([set_group_angles(model.pin, arm, a, b) for a, b in pairs])
         if len(arm):
+            q = set_group_angles(arm, q, self.angles)
             v[:, model.arm_joints.v] = self.angle_rates
         q[:, 0:3] = self.position - np.einsum("nij,j->ni", self.rotation, self.pose_point)
         q[:, 3:7] = Rotation.from_matrix(self.rotation).as_quat()
