@@ -61,6 +61,10 @@ def _mode(frequency, row):
     return Mode(frequency=frequency, damping=0.006, translation=(0.0, 0.0, 0.0), rotation=(row, 0.0, 0.0))
 
 
+def _noise(quantity, sigma):
+    return {quantity: ErrorModel(noise_sigma=sigma)}
+
+
 def described(folder, frequencies):
     (folder / "pair.urdf").write_text(URDF, encoding="utf-8")
     panels = [
@@ -74,9 +78,11 @@ def described(folder, frequencies):
         )
         for name, f in zip(PANELS, frequencies, strict=True)
     ]
-    gyro, tracker = (
-        Sensor(name=name, kind=kind, quantities=(q,), rate=4.0, errors={q: ErrorModel(noise_sigma=sigma)})
-        for name, kind, q, sigma in (("gyro", "imu", "angular_rate", 1e-5), ("st", "pose", "attitude", 2e-5))
+    gyro = Sensor(
+        name="gyro", kind="imu", quantities=("angular_rate",), rate=4.0, errors=_noise("angular_rate", 1e-5)
+    )
+    tracker = Sensor(
+        name="st", kind="pose", quantities=("attitude",), rate=4.0, errors=_noise("attitude", 2e-5)
     )
     return Description.model_validate(
         {

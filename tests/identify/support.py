@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,7 +56,8 @@ def fly_exp1(tanks, *, panel: bool = False, rate: float = 100.0, duration: float
     system = a, b, np.hstack([-inverse @ k, -inverse @ d]), inverse[:, :1]
     t = np.arange(round(duration * rate) + 1) / rate
     force = np.where(t < 20, 40.0, np.where(t < 40, -40.0, 0.0))
-    acceleration = _held(*scipy.signal.cont2discrete(system, 1 / rate)[:4], force)
+    discrete: Any = scipy.signal.cont2discrete(system, 1 / rate)
+    acceleration = _held(*discrete[:4], force)
     half = np.diff(force, prepend=force[0]) / 2
     return t, force - half, acceleration - np.outer(half, inverse[:, 0])
 
