@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -57,13 +58,14 @@ def fly_exp1(tanks, *, panel: bool = False, rate: float = 100.0, duration: float
     t = np.arange(round(duration * rate) + 1) / rate
     force = np.where(t < 20, 40.0, np.where(t < 40, -40.0, 0.0))
     discrete: Any = scipy.signal.cont2discrete(system, 1 / rate)
-    acceleration = _held(*discrete[:4], force)
+    acceleration = _held(discrete, force)
     half = np.diff(force, prepend=force[0]) / 2
     return t, force - half, acceleration - np.outer(half, inverse[:, 0])
 
 
-def _held(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, force: np.ndarray) -> np.ndarray:
+def _held(system: Sequence[Any], force: np.ndarray) -> np.ndarray:
     """What `scipy.signal.dlsim` returns (N, outputs), in a tenth of the time: mode by mode."""
+    a, b, c, d, _ = system
     poles, modes = np.linalg.eig(a)
     driven = np.linalg.solve(modes, b[:, 0])
     states = [scipy.signal.lfilter([0.0, g], [1.0, -p], force) for p, g in zip(poles, driven, strict=True)]
