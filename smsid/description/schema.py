@@ -21,6 +21,7 @@ from smsid._short_repr import ShortRepr
 from smsid.effects.base import Effect, Name, Vector3, parse_effect
 from smsid.effects.table import StrictTable
 from smsid.errors import DescriptionError, SmsidError
+from smsid.inputs.pulses import Pulse
 from smsid.sensing.sensor import Sensor
 
 SCHEMA_VERSION = 1
@@ -119,13 +120,15 @@ class Thruster(StrictTable):
 
     ``direction`` is that of the force on the spacecraft, against the jet; it need not be a unit vector.
     Recordings say what share of ``force`` it gave (``command.thruster``), or the force itself
-    (``command.thruster_force``).
+    (``command.thruster_force``). A share is ``spread`` over its sample, or of a ``pulse`` at full thrust at
+    the beginning, in the middle or at the end of it.
     """
 
     name: Name
     position: Vector3  # [m], bus frame
     direction: Vector3  # bus axes
     force: float = Field(gt=0.0)  # [N]
+    pulse: Pulse = "spread"
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Thruster:

@@ -1,4 +1,4 @@
-"""Effects of one kind that may have been taken for each other: the other maximum, and how likely it is.
+"""Effects of one kind that may have been taken for each other: the other maxima, and how likely they are.
 
 Two panels that ring at nearly the same frequency have two maxima, the one with what rings exchanged. Which of
 them a search comes to is its first guess's doing, and a standard deviation there knows nothing of the other.
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.special import expit
 
 from smsid._statistics import NORMAL95
 from smsid.errors import SmsidError
@@ -27,15 +26,18 @@ LOGGER = logging.getLogger(__name__)
 APART = NORMAL95  # standard deviations by which an exchange has to move what it exchanges
 UNDECIDED = 0.025  # probability of the other maximum from which 95 % do without it no more
 GUESS_RATIO = 1.7  # of two masses or springs, within which first guesses may have them the wrong way round
+WORTH_SETTLING = 20.0  # of the log-posterior, within which another maximum is compared where it is at rest
+MOST_BETTER = 3  # times that an exchange is likelier than all before, and others are asked for anew
 
 Tell = Callable[[str], None]
+Pair = tuple[str, str]
 
 
 @dataclass(frozen=True)
 class Exchange:
     """The maximum ``found`` with two effects ``names`` exchanged, and the ``probability`` that it is so."""
 
-    names: tuple[str, str]
+    names: Pair
     found: NormalEquations
     probability: float
 
@@ -48,74 +50,96 @@ class Exchange:
             f"{100 * self.probability:.2g} %: intervals include both"
         )
 
-    def change(self, at: NormalEquations) -> np.ndarray:
-        """Return by how much the unknowns differ there (m,), in scales."""
-        moved = [self.found.point.value(u) - at.point.value(u) for u in at.unknowns]
-        return np.array(moved) / at.scales
-
     def covariance(self, at: NormalEquations) -> np.ndarray:
-        """Return what the other maximum adds to the covariance (m, m) about this one, in scales."""
-        change = self.change(at)
+        """Return what this maximum adds to the covariance (m, m) about another one, in scales."""
+        change = _moved(at, self.found.point) / at.scales
         return self.probability * np.outer(change, change)
 
 
-def with_likely_exchanges(
+def with_exchanges(
     found: NormalEquations, flights: Sequence[Flight], tell: Tell | None = None
-) -> tuple[NormalEquations, list[Exchange]]:
-    """Return the likeliest maximum, and those with effects exchanged that are about as likely.
+) -> tuple[NormalEquations, list[tuple[Pair, NormalEquations]]]:
+    """Return the likeliest maximum, and those with two effects exchanged, by these.
 
     Of a pair, sizes of parameters are exchanged and signs left: what lies at opposite sides of a craft moves
-    it with opposite signs. Asked are pairs that guesses as far off as first ones may be could have exchanged.
+    it with opposite signs. Asked are pairs that ring on the same body, and that guesses as far off as first
+    ones may be could have exchanged.
     """
-    out: list[Exchange] = []
-    for names in _pairs(found.unknowns):
-        other = _other_way_round(found, flights, names, tell)
-        if other is None:
-            continue
-        more = found.objective - other.objective
-        if more > BETTER_GAIN:
-            LOGGER.info("%s and %s are the other way round", *names)
-            found, other, more = settled_maximum(other, [], list(flights), tell)[0], found, -more
-        if expit(more) > UNDECIDED:
-            out.append(Exchange(names, other, float(expit(more))))
-    return found, out
+    for _ in range(MOST_BETTER):
+        others: list[tuple[Pair, NormalEquations]] = []
+        for names in _pairs(found):
+            other = _other_way_round(found, flights, names, tell)
+            if other is not None and all(_apart(x, other.point) for _, x in others):
+                others.append((names, other))
+        best = min(others, key=lambda x: x[1].objective, default=None)
+        if best is None or found.objective - best[1].objective < BETTER_GAIN:
+            break
+        LOGGER.info("%s and %s are the other way round", *best[0])
+        found = best[1]
+    return found, others
 
 
-def _pairs(unknowns: Sequence[Unknown]) -> list[tuple[str, str]]:
-    """Return the pairs of effects with the same unknowns."""
+def likely_exchanges(
+    found: NormalEquations, others: Sequence[tuple[Pair, NormalEquations]], widening: float
+) -> list[Exchange]:
+    """Return those of other maxima that are about as likely as the one found, each with its probability.
+
+    ``widening`` is the factor on standard deviations by which errors are larger than their stated noise.
+    """
+    less = np.array([0.0, *(x.objective - found.objective for _, x in others)]) / widening**2
+    share = np.exp(-(less - less.min()))
+    share /= share.sum()
+    pairs = zip(others, share[1:], strict=True)
+    return [Exchange(names, x, float(p)) for (names, x), p in pairs if p > UNDECIDED]
+
+
+def _pairs(found: NormalEquations) -> list[Pair]:
+    """Return the pairs of effects of one class with the same unknowns that ring on the same body."""
     own: dict[str, set[str]] = {}
-    for u in unknowns:
+    for u in found.unknowns:
         if u.kind == "effect":
             name, _, rest = u.name.partition(".")
             own.setdefault(name, set()).add(rest)
-    return [(a, b) for a, b in combinations(own, 2) if own[a] == own[b]]
+    carriers = _carriers(found.point)
+    kinds = {e.name: type(e) for e in found.point.description.effect}
+
+    def alike(a: str, b: str) -> bool:
+        rings = a in carriers and carriers[a] == carriers.get(b)
+        return rings and own[a] == own[b] and kinds[a] is kinds[b]
+
+    return [(a, b) for a, b in combinations(own, 2) if alike(a, b)]
+
+
+def _carriers(point: Point) -> dict[str, int]:
+    """Return the joint that carries each tank and each panel, by name."""
+    model = point.base
+    tanks = {s.name: int(model.pin.parents[s.joint]) for s in model.slosh}
+    return tanks | {a.appendage.name: a.parent for a in model.appendages if a.joints}
 
 
 def _other_way_round(
-    found: NormalEquations, flights: Sequence[Flight], names: tuple[str, str], tell: Tell | None
+    found: NormalEquations, flights: Sequence[Flight], names: Pair, tell: Tell | None
 ) -> NormalEquations | None:
-    """Return the maximum near an exchange, ``None`` where none is about as likely, or it is the same."""
+    """Return the maximum near an exchange, ``None`` where there is none at rest, or it is the same."""
     step = _exchanged(found.point, found.unknowns, names)
-    one, other = (type(found.point.description.get_effect(n)) for n in names)
-    if one is not other or not _near(found, step) or not _apart(found, step / found.scales):
+    if not _near(found, step):
         return None
     try:
         start = found.point.moved(found.unknowns, step)
-        if not start.physical():
+        if not _apart(found, start) or not start.physical():
             return None
         if tell is not None:
             tell(f"with '{names[0]}' and '{names[1]}' exchanged")
         there, _ = maximise(start, found.unknowns, flights, tell=tell)
+        if there.objective - found.objective < WORTH_SETTLING:
+            there, _ = settled_maximum(there, [], list(flights), tell)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("%s and %s exchanged: %s", *names, error)
         return None
-    moved = np.array([there.point.value(u) - found.point.value(u) for u in found.unknowns])
-    if not has_converged(there) or not _apart(found, moved / found.scales):
-        return None
-    return there
+    return there if has_converged(there) and _apart(found, there.point) else None
 
 
-def _exchanged(point: Point, unknowns: Sequence[Unknown], names: tuple[str, str]) -> np.ndarray:
+def _exchanged(point: Point, unknowns: Sequence[Unknown], names: Pair) -> np.ndarray:
     """Return the step (m,), in the parameters' units, that exchanges sizes and leaves signs."""
     value = {u.name: point.value(u) for u in unknowns}
     out = np.zeros(len(unknowns))
@@ -135,6 +159,11 @@ def _near(found: NormalEquations, step: np.ndarray) -> bool:
     return bool(np.all(np.maximum(ratio, 1.0 / ratio) < GUESS_RATIO))
 
 
-def _apart(found: NormalEquations, change: np.ndarray) -> bool:
-    """Whether a change (m,), in scales, is more than what is not told anyway."""
+def _apart(found: NormalEquations, point: Point) -> bool:
+    """Whether a point is further away than what is not told anyway."""
+    change = _moved(found, point) / found.scales
     return bool(change @ found.gram @ change > APART**2)
+
+
+def _moved(found: NormalEquations, point: Point) -> np.ndarray:
+    return np.array([point.value(u) - found.point.value(u) for u in found.unknowns])

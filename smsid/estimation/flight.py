@@ -132,12 +132,15 @@ def _without_switching_times(
         return []
     channel = inputs[field]
     shares = thruster_shares(model, field, np.asarray(recording[channel], dtype=float))
+    shares = shares[:, [t.pulse == "spread" for t in model.description.thruster]]
+    if not shares.size:
+        return []
     part = np.mean((shares > PART_OF_THRUST) & (shares < 1.0 - PART_OF_THRUST))
     if part == 0.0:
         return []
     return [
         f"{100 * part:.0f} % of '{channel}' are between no and full thrust, taken as thrust all through "
-        "their sample: of valves that open for a part of it say in the mapping where their `pulses` are"
+        'their sample: of valves that open once in it say where, by `pulse = "begin"` of the [[thruster]]'
     ]
 
 

@@ -111,10 +111,10 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
         tell("search with the model as it is")
     if any(f.problem.profiled for f in flights):
         try:
-            found, taken, visited = _searched(point, unknowns, flights, tell)
+            found, taken, _ = _searched(point, unknowns, flights, tell)
             taken = at_likeliest_motion(taken)
             found, more = maximise(found.point, unknowns, taken, tell=tell)
-            found, taken, visited = _settled(found, taken, [*visited, *more], tell)
+            found, taken, visited = _settled(found, taken, more, tell)
             if are_told_by_torques(found, taken):  # it has not gone off to where noise fits noise
                 return found, taken, visited
         except NotIdentifiableError as error:

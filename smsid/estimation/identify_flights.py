@@ -15,7 +15,7 @@ from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError
 from smsid.estimation.commands_between_samples import undecided_covariance
 from smsid.estimation.contradictions import Contradiction, contradictions
-from smsid.estimation.exchange import with_likely_exchanges
+from smsid.estimation.exchange import likely_exchanges, with_exchanges
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.flight_search import convergence_error, search_flights, settled_maximum
@@ -139,7 +139,7 @@ def _identify(
         if error:
             found, more = settled_maximum(*maximise(found.point, unknowns, flights, tell=tell), flights, tell)
             visited += more
-    found, exchanges = with_likely_exchanges(found, flights, tell)
+    found, others = with_exchanges(found, flights, tell)
     doubt, doubts = undecided_covariance(found, flights)
     searched = time.perf_counter()
     for _ in range(RESTARTS):
@@ -171,20 +171,22 @@ def _identify(
     limits = bound_intervals(found, quality.widening)
     judgements = zip(rows, sigma, shares, strict=True)
     parameters = [
-        _within_bounds(_with_status(r, float(s), float(share), bent.get(k), quality), unknowns, limits)
+        _with_status(r, float(s), float(share), bent.get(k), quality)
         for k, (r, s, share) in enumerate(judgements)
     ]
-    terms = terms_of_total(rows[:own])
-    parameters = [_with_terms(p, terms) if p.name == "total.mass" else p for p in parameters]
+    exchanges = likely_exchanges(found, others, quality.widening)
     for x in exchanges:
         otherwise = [_as_density(r, densities) for r in reported_parameters(x.found, described)]
-        own, there = np.linalg.inv(x.found.gram) * quality.widening**2, {r.name: r for r in otherwise}
-        parameters = [_either_way(p, there[p.name], own) if p.name in there else p for p in parameters]
+        there, inverse = {r.name: r for r in otherwise}, np.linalg.inv(x.found.gram) * quality.widening**2
+        parameters = [_either_way(p, there[p.name], inverse) if p.name in there else p for p in parameters]
         spread = spread + gradient @ x.covariance(found) @ gradient.T
     if exchanges:
         sigmas = zip(parameters, np.sqrt(np.diag(spread)), strict=True)
         parameters = [replace(p, sigma=float(s)) for p, s in sigmas]
     doubts += [x.note for x in exchanges]
+    parameters = [_within_bounds(p, unknowns, limits) for p in parameters]
+    terms = terms_of_total(rows[:own])
+    parameters = [_with_terms(p, terms) if p.name == "total.mass" else p for p in parameters]
     told = [quality.sentence, *conflicts, *(c.sentence for c in disagree), *doubts]
     notes = list(dict.fromkeys(told))
     notes += [f"nothing tells the scale of '{c}': masses and inertias go with it" for c in untold]
@@ -299,10 +301,18 @@ def _with_profile_interval(p: ParameterEstimate, bent: BentInterval) -> Paramete
 
 
 def _either_way(p: ParameterEstimate, other: Combination, covariance: np.ndarray) -> ParameterEstimate:
-    """Return a parameter with an interval that includes that of another maximum, of ``covariance`` (m, m)."""
+    """Return a parameter with an interval that includes that of another maximum, and the status it has.
+
+    ``covariance`` (m, m) is that of the unknowns there, in scales.
+    """
     reach = NORMAL95 * float(np.sqrt(other.gradient @ covariance @ other.gradient))
     low, high = p.interval
-    return replace(p, profile=(min(low, other.value - reach), max(high, other.value + reach)))
+    low, high = min(low, other.value - reach), max(high, other.value + reach)
+    told, half = p, 0.5 * (high - low) / NORMAL95
+    if p.status == "identifiable":
+        told = classify(p.name, p.value, p.unit, half, METHOD, nominal=p.nominal, reference=p.reference)
+    note = "; ".join(dict.fromkeys(x for x in (told.note, p.note) if x))
+    return replace(told, sigma=p.sigma, profile=(low, high), note=note)
 
 
 def _within_bounds(

@@ -9,6 +9,7 @@ import numpy as np
 
 from smsid.errors import RecordingError
 from smsid.inputs.changed import Delayed, Switched
+from smsid.inputs.pulses import switched
 from smsid.inputs.signals import Constant, Sampled, Signal, Sum, sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -30,6 +31,7 @@ COMMANDS = {
     "wheel_torque": "command.wheel_torque",
     "joint_torque": "command.joint_torque",
 }
+OVER = 1e-6  # share of a sample by which rounding may have a pulse longer than it
 SHARES = ("thruster", "thruster_force")  # the same, of full thrust and in newtons
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
@@ -41,8 +43,8 @@ def commanded_inputs(
 
     ``"smooth"`` ones follow a cubic spline: telemetry that is slow beside what it commands. With ``"jumps"``
     they vary linearly but where they jump: there the sample before is held until the one after. So are
-    thrusters that switch beside wheels or a torque that do not. What is not commanded but measured
-    (``<sensor>.joint_torque``, say) stands in.
+    thrusters that switch beside wheels or a torque that do not; where their pulses lie in a sample is known,
+    they are held in any case. What is not commanded but measured (``<sensor>.joint_torque``, say) stands in.
 
     Its columns are in the model's order (`order_columns`).
 
@@ -53,6 +55,10 @@ def commanded_inputs(
     for field, channel in input_channels(model, recording).items():
         values = np.asarray(recording[channel])
         times = np.asarray(recording.time(channel), dtype=float)
+        if field in SHARES and has_pulses(model):
+            shares = thruster_shares(model, field, values)
+            signals["thruster"] = pulsed_thrust(model, times, shares, channel)
+            continue
         if hold == "jumps":
             times, values = _with_ramps(times, values.reshape(len(values), -1))
         if field in SHARES:
@@ -72,6 +78,30 @@ def thruster_shares(model: SpacecraftModel, field: str, values: np.ndarray) -> n
     """Return shares of full thrust (N, thrusters) of what an input among `SHARES` says of it."""
     full = [t.force for t in model.description.thruster] if field == "thruster_force" else 1.0
     return values.reshape(len(values), -1) / full
+
+
+def has_pulses(model: SpacecraftModel) -> bool:
+    """Whether some thruster is a valve that is open for a part of each sample, at a place that is known."""
+    return any(t.pulse != "spread" for t in model.description.thruster)
+
+
+def pulsed_thrust(model: SpacecraftModel, times: np.ndarray, shares: np.ndarray, channel: str) -> Sampled:
+    """Return what valves do, of ``shares`` (N, thrusters) of samples at ``times`` (N,) [s].
+
+    Whatever other commands do between samples. Raises `RecordingError` where a share is none.
+    """
+    pulses = [t.pulse for t in model.description.thruster]
+    wrong = ~((shares >= -OVER) & (shares <= 1.0 + OVER)) & np.array([p != "spread" for p in pulses])
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        raise RecordingError(
+            f"'{channel}' says that thruster '{model.description.thruster[column].name}' is open for "
+            f"{shares[row, column]:.4g} of the sample at index {row}.",
+            advice="A pulse is a share of its sample, from 0 to 1. Of percent state the unit in the mapping; "
+            "of a throttle leave out `pulse`.",
+            channel=channel,
+        )
+    return Sampled.from_samples(*switched(times, np.clip(shares, 0.0, 1.0), pulses), 0)
 
 
 def input_channels(model: SpacecraftModel, recording: Recording) -> dict[str, str]:

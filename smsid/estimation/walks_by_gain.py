@@ -47,8 +47,9 @@ class GainedWalks:
         if problem.at_likeliest_motion:
             gains = _gains(problem)
             for i, u in enumerate(unknowns):
-                if u.kind == "sensor":
+                if u.kind in ("sensor", "effect"):  # scales of readings are either
                     step = DIFFERENCE_STEP * u.scale
+                    step = step if here.value(u) + step <= here.bounds(u)[1] else -step
                     sensors = here.moved([u], np.array([step])).sensors()
                     moved = _gains(replace(problem, data=problem.data.with_blocks(sensors)))
                     own = (gains / moved - 1.0) / step
@@ -68,6 +69,8 @@ class GainedWalks:
         for i in np.flatnonzero(self.shares.any(axis=1)):
             delta[known, i][: len(smoothed.begin)] += self.shares[i] * smoothed.begin
             ahead = np.einsum("k,nkx->nx", self.shares[i], smoothed.wandered)
+            if (own := out[i].ahead) is not None:
+                ahead[:, : own.shape[1]] += own
             out[i] = replace(out[i], ahead=ahead)
         return out
 

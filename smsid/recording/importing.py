@@ -18,7 +18,6 @@ from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
 from smsid.recording._attitude import conjugate, rotate, slerp
 from smsid.recording._clock import check_order
-from smsid.recording._pulses import switching_times
 from smsid.recording._units import convert
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity
 from smsid.recording.mapping import (
@@ -133,9 +132,7 @@ class _Import:
         for name, values in channels.items():
             source = name.partition(".")[0]
             kept = self._sampled_rows(source, present)
-            if present[name].pulses is not None:
-                channels[name] = self._switched(name, present[name], kept, values)
-            elif not kept.all():
+            if not kept.all():
                 channels[name] = (self._clock(name)[kept], values[kept])
             elif source in self.rules.clock:
                 channels[name] = (self._clock(name), values)
@@ -261,20 +258,6 @@ class _Import:
         if table.attitude is not None:
             values = self._turn_vectors(name, table, values)
         return values
-
-    def _switched(
-        self, name: str, table: ChannelTable, kept: NDArray[np.bool_], values: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return times and states of valves that are open for a share of each sample."""
-        assert table.pulses is not None
-        times, shares = (x[np.broadcast_to(kept, len(x))] for x in (self._clock(name), values))
-        check_order(times, f"{name.partition('.')[0]}.time")
-        wrong = np.flatnonzero(~((shares >= 0.0) & (shares <= 1.0)).all(axis=1))
-        if len(wrong) or len(times) < 2:
-            text = f"{shares[wrong[0]].max():.4g} at index {wrong[0]}" if len(wrong) else "one sample"
-            advice = "Pulses are shares of their sample, from 0 to 1; state `unit = '%'` of percent."
-            raise self._fault(name, f"no pulses: {text}.", advice)
-        return switching_times(times, shares, table.pulses)
 
     def _convert_units(
         self, name: str, table: ChannelTable, quantity: Quantity, values: FloatArray

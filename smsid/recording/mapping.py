@@ -13,7 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from smsid._explain import toml_kind, validate_tables
 from smsid._reading import read_toml
 from smsid.errors import RecordingError
-from smsid.recording._pulses import Pulses
 from smsid.recording._units import check_unit, convert, same_dimension
 from smsid.recording.channels import EXTRA, SLIDING, Quantity, quantity_of
 from smsid.recording.readers import CsvFormat
@@ -69,8 +68,6 @@ class ChannelTable(_Table):
         quaternion: order of the components, for attitudes.
         direction: what the quaternion turns into what, for attitudes.
         sign: for all or for each component, in the axes of the file.
-        pulses: of shares of thrust that are pulses: where in its sample a valve opens. They become times
-            of opening and closing.
         labels: of joints, wheels, modes or stations.
         optional: the channel is left out when its columns are missing; the provenance says so.
     """
@@ -84,7 +81,6 @@ class ChannelTable(_Table):
     quaternion: Literal["wxyz", "xyzw"] | None = None
     direction: Literal["body_to_inertial", "inertial_to_body"] | None = None
     sign: Sign | tuple[Sign, ...] = 1
-    pulses: Pulses | None = None
     labels: tuple[Text, ...] | None = None
     optional: bool = False
 
@@ -199,13 +195,6 @@ def check_mapping(mapping: ImportMapping, where: str) -> None:
                 advice=f"Map it, or choose one of {', '.join(mapping.channel)}.",
                 channel=name,
             )
-        others = [n for n in mapping.channel if n != name and n.partition(".")[0] == name.partition(".")[0]]
-        if table.pulses and others:
-            raise RecordingError(
-                f"{place}: `pulses` give it a clock of its own, and '{others[0]}' has the same source.",
-                advice="Name the other's source otherwise, such as '[channel.\"rw.wheel_torque\"]'.",
-                channel=name,
-            )
     sources = {name.partition(".")[0] for name in mapping.channel}
     for source in mapping.clock:
         if source not in sources:
@@ -250,8 +239,6 @@ def _contradiction(table: ChannelTable, quantity: Quantity) -> tuple[str, str] |
         return None
     if table.quaternion or table.direction:
         return ("quaternion and direction belong to attitudes", "Leave them out.")
-    if table.pulses and quantity.name != "thruster":
-        return ("pulses are shares of thrust", "Map them to 'command.thruster', or leave out pulses.")
     if table.unit is None:
         return ("the unit is not stated", f"State the unit of the file, such as unit = '{quantity.unit}'.")
     if table.frame and not quantity.is_vector:

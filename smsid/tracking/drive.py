@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from smsid.estimation.filter_pass import AppliedForces
-from smsid.estimation.input_hold import COMMANDS, limits, means, unevenness
+from smsid.estimation.input_hold import COMMANDS, has_pulses, limits, means, pulsed_thrust, unevenness
 from smsid.estimation.process_model import ProcessModel
 from smsid.inputs.signals import Constant, Sampled, Signal
 from smsid.model.spacecraft import SpacecraftModel
@@ -38,6 +38,7 @@ class CommandMemory:
     """The last commands by channel, as inputs of a simulation."""
 
     def __init__(self, model: SpacecraftModel, hold: str) -> None:
+        self.model = model
         self.degree = 0 if hold == "held" else 1
         sizes = {"force": 3, "torque": 3} if model.free else {}
         sizes |= {"wheel_torque": len(model.wheels), "joint_torque": len(model.arm_joints)}
@@ -62,16 +63,23 @@ class CommandMemory:
 
     def inputs(self) -> Inputs:
         """Return what is remembered; what was never commanded is zero."""
-        signals: dict[str, Signal | None] = {}
+        signals: dict[str, Signal] = {}
         for field, channel in COMMANDS.items():
             own = self.memory.get(channel)
             if field == "thruster_force":  # it says what the share of full thrust says
                 if own:
                     share = [(t, x / self.full) for t, x in own]
-                    signals["thruster"] = self._signal(share)
+                    signals["thruster"] = self._thrust(share, channel)
                 continue
-            signals[field] = self._signal(own) if own else None
+            if own:
+                signals[field] = self._thrust(own, channel) if field == "thruster" else self._signal(own)
         return Inputs(**signals)  # type: ignore[arg-type]
+
+    def _thrust(self, samples: Sequence[tuple[float, np.ndarray]], channel: str) -> Signal:
+        if len(samples) < 2 or not has_pulses(self.model):
+            return self._signal(samples)
+        times, shares = (np.array(x) for x in zip(*samples, strict=True))
+        return pulsed_thrust(self.model, times, shares, channel)
 
     def _signal(self, samples: Sequence[tuple[float, np.ndarray]]) -> Signal:
         if len(samples) == 1:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from smsid.description.schema import Description
-from smsid.effects import ModalAppendage
+from smsid.description.schema import Description, Thruster
+from smsid.effects import ModalAppendage, ThrusterGain
 from smsid.effects.appendage import Mode
-from smsid.estimation.exchange import _exchanged, _near
+from smsid.estimation.exchange import _exchanged, _near, _pairs, likely_exchanges
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.normal_equations import normal_equations
@@ -117,3 +120,26 @@ def test_an_exchange_keeps_signs_and_pairs_far_apart_are_not_asked(tmp_path):
         assert moved["north.mode1.frequency"] == frequencies[1]
         assert moved["north.mode1.rotation.x"] == 9.0 and moved["south.mode1.rotation.x"] == -9.0
         assert _near(normal_equations(point, unknowns, [flight]), step) is near
+
+
+def test_only_what_rings_on_the_same_body_is_asked(tmp_path):
+    """Gains of thrusters and frictions of joints have names that what was commanded or read tells apart."""
+    description = described(tmp_path, (0.18, 0.2))
+    gains = [ThrusterGain(name=f"g{k}", thruster=f"t{k}", gain=0.1) for k in (1, 2)]
+    thrusters = [Thruster(name=f"t{k}", position=(k, 0, 0), direction=(0, 1, 0), force=1.0) for k in (1, 2)]
+    effects = (*description.effect, *gains)
+    point = Point.of(description.model_copy(update={"effect": effects, "thruster": tuple(thrusters)}))
+    unknowns = tuple(unknowns_of(point).unknowns)
+    assert {u.name.partition(".")[0] for u in unknowns} > {"g1", "g2", "north", "south"}
+    assert _pairs(SimpleNamespace(point=point, unknowns=unknowns)) == [("north", "south")]
+
+
+def test_probabilities_are_shared_by_all_maxima_and_know_of_widening():
+    here, *there = (SimpleNamespace(objective=x) for x in (5.0, 5.0, 6.0, 14.0))
+    others = [((f"a{k}", f"b{k}"), x) for k, x in enumerate(there)]
+    whole = 2.0 + np.exp(-1.0) + np.exp(-9.0)
+    first, second = likely_exchanges(here, others, 1.0)
+    assert first.probability == pytest.approx(1.0 / whole)
+    assert second.probability == pytest.approx(np.exp(-1.0) / whole)
+    assert "a0' and 'b0' may be the other way round" in first.note
+    assert len(likely_exchanges(here, others, 3.0)) == 3

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid.effects import SensorScale
 from smsid.estimation import normal_equations as equations
 from smsid.estimation import smoothed_motion
 from smsid.estimation.flight import FlightOptions, flight_of
@@ -17,7 +18,7 @@ from smsid.estimation.parameter_vector import Point
 from smsid.estimation.retraction import retract
 from smsid.estimation.smoothed_motion import SmoothedRun, smoothed_runs
 from smsid.estimation.smoother import smoothed_states
-from smsid.estimation.unknowns import sensor_unknowns, unknowns_of
+from smsid.estimation.unknowns import effect_unknown, sensor_unknowns, unknowns_of
 from smsid.sensing.error_model import ErrorModel
 
 from .satellite import Satellite, guess, recorded, true_values
@@ -163,3 +164,15 @@ def test_a_scale_that_nothing_tells_costs_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(equations, "walks_as_read", lambda problem: problem)
     assert cost() < -1.0, "walks as they were would tell it: the cost falls with the torques"
     assert abs(as_read) < 0.03 * abs(cost()), "what is left is of the first state, and grows no more"
+
+
+def test_a_scale_that_is_listed_as_an_effect_has_the_slope_of_a_sensors_own(followed):
+    point, unknowns, flight = followed
+    at = {"sensor": "tacho", "quantity": "wheel_rate", "error": 0.01}
+    effects = [SensorScale(name=f"s{k}", component=k, **at) for k in range(3)]
+    own = replace(point, biases={}, description=point.description.with_effects(*effects))
+    listed = [effect_unknown(e.unknowns()[0]) for e in effects]
+    off, slope = slope_errors(own, listed, flight)
+    assert np.abs(off).max() < 0.01
+    mine = [u for u in unknowns if u.kind == "sensor"]
+    np.testing.assert_allclose(slope, slope_errors(point, mine, flight)[1], atol=0.002)

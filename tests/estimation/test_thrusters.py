@@ -11,12 +11,13 @@ from smsid.errors import DescriptionError, ExperimentError, RecordingError
 from smsid.estimation.flight import _without_switching_times
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.input_hold import commanded_inputs
+from smsid.estimation.input_hold import commanded_inputs, means
 from smsid.inputs.signals import Constant
 from smsid.model import build_model
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
 from smsid.simulate import Inputs
+from smsid.tracking.drive import CommandMemory
 
 from .satellite import Satellite, guess, recorded
 
@@ -157,6 +158,44 @@ def test_shares_that_do_not_say_when_a_valve_opens_are_noted(tmp_path, field, fu
     assert _without_switching_times(model, part, {}) == []
     (note,) = _without_switching_times(model, part, {field: channel})
     assert note.startswith(f"12 % of '{channel}' are between no and full thrust")
+    pulsed = build_model(with_pulses(described(tmp_path), "begin"))
+    assert _without_switching_times(pulsed, part, {field: channel}) == []
+
+
+def with_pulses(description, pulse):
+    thrusters = tuple(t.model_copy(update={"pulse": pulse}) for t in description.thruster)
+    return description.model_copy(update={"thruster": thrusters})
+
+
+@pytest.mark.parametrize(("pulse", "first"), [("begin", 0.0), ("middle", 0.04), ("end", 0.08)])
+@pytest.mark.parametrize("hold", ["held", "linear", "jumps"])
+def test_pulses_lie_where_they_are_said_to_whatever_other_commands_do(tmp_path, pulse, first, hold):
+    """20 ms of every sample of 0.1 s, a train that looks like no steps, beside a sine of a torque."""
+    times, shares = np.arange(60) * 0.1, np.zeros((60, 4))
+    shares[:, 0] = 0.2
+    torque = np.column_stack([np.sin(times), np.zeros((60, 2))])
+    channels = {"command.thruster": shares, "command.torque": torque}
+    recording = Recording.from_arrays(times, channels, labels={"thruster": tuple(PLACES)})
+    description = described(tmp_path)
+    model = build_model(with_pulses(description, pulse))
+    thrust = commanded_inputs(model, recording, hold).thruster
+    edges = np.arange(0.0, 1.0005, 0.01)
+    open_ = np.isclose((edges[:-1] - first + 1e-9) % 0.1, 0.0, atol=0.0115)
+    np.testing.assert_allclose(means(thrust, edges)[:, 0], open_, atol=1e-6)
+    memory = CommandMemory(model, "linear")
+    for t, row in zip(times, shares, strict=True):
+        memory.add(t, {"command.thruster": row})
+    np.testing.assert_allclose(means(memory.inputs().thruster, edges), means(thrust, edges), atol=1e-12)
+    spread = commanded_inputs(build_model(description), recording, "held").thruster
+    np.testing.assert_allclose(means(spread, edges)[:, 0], 0.2)
+
+
+def test_a_pulse_longer_than_its_sample_is_refused(tmp_path):
+    times, shares = np.arange(10) * 0.1, np.full((10, 4), 20.0)
+    recording = Recording.from_arrays(times, {"command.thruster": shares}, labels={"thruster": tuple(PLACES)})
+    model = build_model(with_pulses(described(tmp_path), "begin"))
+    with pytest.raises(RecordingError, match=r"is open for 20 of the sample at index 0"):
+        commanded_inputs(model, recording, "held")
 
 
 def test_pulses_by_their_switching_times_have_the_impulse_and_its_place(tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from smsid.estimation import torque_walk
 from smsid.estimation.torque_walk import SPAN, _log_likelihood, acceleration_walks
 
 SIGMA = np.array([0.02, 0.05])
@@ -100,3 +101,25 @@ def test_clocks_of_others_change_nothing():
     among[1, 0] = np.nan
     other = acceleration_walks(both, among, SIGMA, 1, scales)
     np.testing.assert_allclose([f.walk for f in other], [f.walk for f in alone], rtol=0.02)
+
+
+def test_what_was_found_of_a_reading_is_kept_in_any_order(monkeypatch):
+    rng = np.random.default_rng(8)
+    times, sigma = np.arange(200) * 0.1, np.array([0.02, 0.02, 0.03])
+    readings = np.cumsum(rng.normal(0.0, 0.1, (200, 3)), axis=0) + rng.normal(0.0, sigma, (200, 3))
+    scales = np.ones(3), np.full(3, 10.0)
+    first = acceleration_walks(times, readings, sigma, 1, scales)
+    asked = []
+    walks = torque_walk._walks
+    monkeypatch.setattr(
+        torque_walk, "_walks", lambda t, y, *more: asked.append(y.shape[1]) or walks(t, y, *more)
+    )
+    order = [2, 0, 1]
+    again = acceleration_walks(times, readings[:, order], sigma[order], 1, scales)
+    assert again == [first[i] for i in order] and not asked
+    other = readings.copy()
+    other[:, 1] *= 3.0
+    changed = acceleration_walks(times, other, sigma, 1, scales)
+    assert [changed[0], changed[2]] == [first[0], first[2]] and asked == [1]
+    assert changed[1].walk > 2.0 * first[1].walk
+    assert changed == walks(times, other, sigma, 1, scales)
