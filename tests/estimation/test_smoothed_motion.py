@@ -166,13 +166,11 @@ def test_a_scale_that_nothing_tells_costs_nothing(tmp_path, monkeypatch):
     assert abs(as_read) < 0.03 * abs(cost()), "what is left is of the first state, and grows no more"
 
 
-def test_a_scale_that_is_listed_as_an_effect_has_the_slope_of_a_sensors_own(followed):
-    point, unknowns, flight = followed
+def test_a_scale_that_is_listed_as_an_effect_moves_walks_as_a_sensors_own(followed):
+    """Without that the slope is off by 0.02 in 8 s, and more in longer flights."""
+    point, _, flight = followed
     at = {"sensor": "tacho", "quantity": "wheel_rate", "error": 0.01}
     effects = [SensorScale(name=f"s{k}", component=k, **at) for k in range(3)]
     own = replace(point, biases={}, description=point.description.with_effects(*effects))
-    listed = [effect_unknown(e.unknowns()[0]) for e in effects]
-    off, slope = slope_errors(own, listed, flight)
-    assert np.abs(off).max() < 0.01
-    mine = [u for u in unknowns if u.kind == "sensor"]
-    np.testing.assert_allclose(slope, slope_errors(point, mine, flight)[1], atol=0.002)
+    off, slope = slope_errors(own, [effect_unknown(e.unknowns()[0]) for e in effects], flight)
+    assert np.abs(off).max() < 0.01 and np.abs(slope).max() > 5.0
