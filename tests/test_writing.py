@@ -110,6 +110,7 @@ def test_a_full_disk_is_one_line_and_leaves_the_old_file(command, tmp_path, urdf
         capture_output=True,
         text=True,
         check=False,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},  # cut off, compiled modules would stay so
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
     )
     assert done.returncode == 1

@@ -13,7 +13,7 @@ SAME = 1e-9  # share of the shortest sample within which two switching times are
 
 
 def switched(times: np.ndarray, shares: np.ndarray, pulses: Sequence[Pulse]) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows (M,) [s], (M, k) of what holds until the next, of ``shares`` (N, k) of full thrust.
+    """Return rows (M,) [s], (M, k) of what holds until the next, of ``shares`` (N, k) at ``times`` (N,) [s].
 
     A sample lasts from its time to the next, the last as long as most. A valve with a pulse is open (1) once
     in each sample, from its ``"begin"`` on, about its ``"middle"`` or to its ``"end"``; what is ``"spread"``
