@@ -9,7 +9,7 @@ import numpy as np
 
 from smsid.errors import RecordingError
 from smsid.inputs.changed import Delayed, Switched
-from smsid.inputs.pulses import switched
+from smsid.inputs.pulses import Pulse, switched
 from smsid.inputs.signals import Constant, Sampled, Signal, Sum, sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
@@ -90,7 +90,7 @@ def pulsed_thrust(model: SpacecraftModel, times: np.ndarray, shares: np.ndarray,
 
     Whatever other commands do between samples. Raises `RecordingError` where a share is none.
     """
-    pulses = [t.pulse for t in model.description.thruster]
+    pulses: list[Pulse] = [t.pulse for t in model.description.thruster]
     wrong = ~((shares >= -OVER) & (shares <= 1.0 + OVER)) & np.array([p != "spread" for p in pulses])
     if wrong.any():
         row, column = np.argwhere(wrong)[0]

@@ -55,7 +55,7 @@ def acceleration_walks(
     own = {key: _found[key] for key in keys if key in _found}
     new = [i for i, key in enumerate(keys) if key not in own]
     if new:
-        of_new = tuple(x[new] for x in scales)
+        of_new = scales[0][new], scales[1][new]
         walks = _walks(times, readings[:, new], sigma[new], integrations, of_new)
         own.update(zip((keys[i] for i in new), walks, strict=True))
     if len(_found) > MOST_KEPT:

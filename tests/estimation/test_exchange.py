@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -131,11 +132,12 @@ def test_only_what_rings_on_the_same_body_is_asked(tmp_path):
     point = Point.of(description.model_copy(update={"effect": effects, "thruster": tuple(thrusters)}))
     unknowns = tuple(unknowns_of(point).unknowns)
     assert {u.name.partition(".")[0] for u in unknowns} > {"g1", "g2", "north", "south"}
-    assert _pairs(SimpleNamespace(point=point, unknowns=unknowns)) == [("north", "south")]
+    found: Any = SimpleNamespace(point=point, unknowns=unknowns)
+    assert _pairs(found) == [("north", "south")]
 
 
 def test_probabilities_are_shared_by_all_maxima_and_know_of_widening():
-    here, *there = (SimpleNamespace(objective=x) for x in (5.0, 5.0, 6.0, 14.0))
+    here, *there = (cast(Any, SimpleNamespace(objective=x)) for x in (5.0, 5.0, 6.0, 14.0))
     others = [((f"a{k}", f"b{k}"), x) for k, x in enumerate(there)]
     whole = 2.0 + np.exp(-1.0) + np.exp(-9.0)
     first, second = likely_exchanges(here, others, 1.0)

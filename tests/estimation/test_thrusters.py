@@ -178,16 +178,20 @@ def test_pulses_lie_where_they_are_said_to_whatever_other_commands_do(tmp_path, 
     recording = Recording.from_arrays(times, channels, labels={"thruster": tuple(PLACES)})
     description = described(tmp_path)
     model = build_model(with_pulses(description, pulse))
-    thrust = commanded_inputs(model, recording, hold).thruster
+
+    def open_for(inputs):
+        return means(inputs.thruster, edges)
+
     edges = np.arange(0.0, 1.0005, 0.01)
     open_ = np.isclose((edges[:-1] - first + 1e-9) % 0.1, 0.0, atol=0.0115)
-    np.testing.assert_allclose(means(thrust, edges)[:, 0], open_, atol=1e-6)
+    found = open_for(commanded_inputs(model, recording, hold))
+    np.testing.assert_allclose(found[:, 0], open_, atol=1e-6)
     memory = CommandMemory(model, "linear")
     for t, row in zip(times, shares, strict=True):
         memory.add(t, {"command.thruster": row})
-    np.testing.assert_allclose(means(memory.inputs().thruster, edges), means(thrust, edges), atol=1e-12)
-    spread = commanded_inputs(build_model(description), recording, "held").thruster
-    np.testing.assert_allclose(means(spread, edges)[:, 0], 0.2)
+    np.testing.assert_allclose(open_for(memory.inputs()), found, atol=1e-12)
+    spread = commanded_inputs(build_model(description), recording, "held")
+    np.testing.assert_allclose(open_for(spread)[:, 0], 0.2)
 
 
 def test_a_pulse_longer_than_its_sample_is_refused(tmp_path):
