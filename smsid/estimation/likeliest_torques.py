@@ -19,9 +19,11 @@ from smsid.estimation.differences import principal_axes
 from smsid.estimation.flight import Flight
 from smsid.estimation.normal_equations import NormalEquations, log_determinant_of
 from smsid.estimation.retraction import retract
+from smsid.estimation.trust_region import sizes
 
 STRAIGHT_WITHIN = 0.3  # second difference of the volume over a sigma to both sides, of what is told
 ASKED_SHARE = 0.01  # share along an axis that the recordings tell, from which it is asked about
+MOST_AXES = 3  # axes, those told least
 MEAN = (
     "torques that followed the motion of joints or wheels do not tell all that is asked: values are those in "
     "the mean over torques that may have been, as lively as the motion says and more"
@@ -43,15 +45,17 @@ def at_likeliest_motion(flights: Sequence[Flight]) -> list[Flight]:
 
 
 def are_told_by_torques(found: NormalEquations, flights: Sequence[Flight]) -> bool:
-    """Whether what the recordings tell is told by torques that moved the craft, not by noise.
+    """Whether what the recordings tell least is told by torques that moved the craft, not by noise.
 
     Asked are axes of the Gram matrix, a standard deviation to both sides. Of a single inertia that noise
     alone tells, the volume bends by three times what is told.
     """
     axes = principal_axes(found)
     told = np.einsum("ik,ij,jk->k", axes, found.information, axes)
+    wide = np.linalg.norm(axes * sizes(found)[:, None], axis=0)
+    order = [k for k in np.argsort(-wide, kind="stable") if told[k] > ASKED_SHARE]
     here = log_determinant_of(found.point, flights)
-    for axis, share in zip(axes.T[told > ASKED_SHARE], told[told > ASKED_SHARE], strict=True):
+    for axis, share in zip(axes.T[order[:MOST_AXES]], told[order[:MOST_AXES]], strict=True):
         try:
             ends = [retract(found.point, found.unknowns, s * axis * found.scales) for s in (1.0, -1.0)]
             bend = sum(log_determinant_of(p, flights) for p in ends if p.physical()) - 2.0 * here
