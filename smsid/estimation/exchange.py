@@ -76,7 +76,14 @@ def with_exchanges(
             break
         LOGGER.info("%s and %s are the other way round", *best[0])
         found = best[1]
-    return found, others
+    return found, distinct(found, others)
+
+
+def distinct(
+    found: NormalEquations, others: Sequence[tuple[Pair, NormalEquations]]
+) -> list[tuple[Pair, NormalEquations]]:
+    """Return those of other maxima that are not the one found, which a search may have moved to meanwhile."""
+    return [(names, x) for names, x in others if _apart(found, x.point)]
 
 
 def likely_exchanges(

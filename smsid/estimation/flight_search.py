@@ -19,7 +19,7 @@ from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
 from smsid.estimation.inertial_combinations import reported_parameters
-from smsid.estimation.likeliest_torques import are_told_by_torques, at_likeliest_motion, with_mean_torques
+from smsid.estimation.likeliest_torques import are_told_by_torques, with_likeliest_motion, with_mean_torques
 from smsid.estimation.loosening import FIRST_SHARE, SHARE_RATIO, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.normal_equations import NormalEquations
@@ -112,7 +112,7 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     if any(f.problem.profiled for f in flights):
         try:
             found, taken, _ = _searched(point, unknowns, flights, tell)
-            taken = at_likeliest_motion(taken)
+            taken = with_likeliest_motion(taken)
             found, more = maximise(found.point, unknowns, taken, tell=tell)
             found, taken, visited = _settled(found, taken, more, tell)
             if are_told_by_torques(found, taken):  # it has not gone off to where noise fits noise

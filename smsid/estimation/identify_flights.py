@@ -15,7 +15,7 @@ from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError
 from smsid.estimation.commands_between_samples import undecided_covariance
 from smsid.estimation.contradictions import Contradiction, contradictions
-from smsid.estimation.exchange import likely_exchanges, with_exchanges
+from smsid.estimation.exchange import distinct, likely_exchanges, with_exchanges
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.flight_search import convergence_error, search_flights, settled_maximum
@@ -174,7 +174,7 @@ def _identify(
         _with_status(r, float(s), float(share), bent.get(k), quality)
         for k, (r, s, share) in enumerate(judgements)
     ]
-    exchanges = likely_exchanges(found, others, quality.widening)
+    exchanges = likely_exchanges(found, distinct(found, others), quality.widening)
     for x in exchanges:
         otherwise = [_as_density(r, densities) for r in reported_parameters(x.found, described)]
         there, inverse = {r.name: r for r in otherwise}, np.linalg.inv(x.found.gram) * quality.widening**2

@@ -39,7 +39,7 @@ def with_mean_torques(flights: Sequence[Flight]) -> list[Flight]:
     return out
 
 
-def at_likeliest_motion(flights: Sequence[Flight]) -> list[Flight]:
+def with_likeliest_motion(flights: Sequence[Flight]) -> list[Flight]:
     """Return the flights with parameters compared at the likeliest motion of all readings, if at torques."""
     return [replace(f, problem=replace(f.problem, of_all_readings=True)) for f in flights]
 

@@ -16,7 +16,7 @@ from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, propagate
 from smsid.estimation.smoothed_motion import SmoothedRun, smoothed_runs
 from smsid.estimation.unread_start import derivative, initial_knowledge
-from smsid.estimation.walks_by_gain import GainedWalks, walks_as_read
+from smsid.estimation.walks_by_gain import WalkDerivatives, walks_as_read
 
 SAMPLES_AT_ONCE = 2000  # samples whose derivatives are in memory at once
 SLOPE_PARTS = 40  # parts of a recording whose slopes are compared
@@ -228,7 +228,7 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     sums = _Sums(problem.data)
     count = len(problem.data.times)
     blocks = np.zeros((SLOPE_PARTS, len(mine)))
-    walks = GainedWalks.of(here, mine, problem)
+    walks = WalkDerivatives.of(here, mine, problem)
     for first, smoothed in zip(range(0, count, SAMPLES_AT_ONCE), _runs_along(kalman), strict=True):
         run = smoothed.ran
         changes = Sensitivities(here, model, problem, smoothed.along, kalman.driving)

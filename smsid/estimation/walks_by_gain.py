@@ -33,13 +33,13 @@ def walks_as_read(problem: Problem) -> Problem:
 
 
 @dataclass(frozen=True)
-class GainedWalks:
-    """By which shares (m, k) of themselves walks change with parameters: forces, then rates of some."""
+class WalkDerivatives:
+    """By which ``shares`` (m, k) of themselves walks change with parameters: forces, then rates of some."""
 
     shares: np.ndarray
 
     @classmethod
-    def of(cls, here: Point, unknowns: Sequence[Unknown], problem: Problem) -> GainedWalks:
+    def of(cls, here: Point, unknowns: Sequence[Unknown], problem: Problem) -> WalkDerivatives:
         """Return those at the point of a problem that is read there."""
         inputs = problem.unknown_inputs
         sloped = [i for i, u in enumerate(inputs) if u.slope]

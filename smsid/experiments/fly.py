@@ -20,8 +20,11 @@ from smsid.inputs.signals import sample
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing import observe
-from smsid.simulate import Tolerance, Trajectory, simulate, truth_of
+from smsid.simulate import Inputs, Tolerance, Trajectory, simulate, truth_of
 from smsid.simulate.trajectory import States
+
+LOOKS = 2001  # times of an experiment at which shares of thrust are looked at
+PART = 1e-6  # of full thrust, within which a share is none, or all
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,29 @@ def fly(
     check_sensors(model)
     check_plausible(model, experiment)
     inputs = experiment.inputs()
+    _check_pulses(model, inputs, experiment.duration)
     how: dict[str, Any] = {"q0": experiment.start(model), "tolerance": tolerance, "progress": progress}
     trajectory = simulate(model, inputs, experiment.duration + clock_lead(model), **how)
     return record_motion(trajectory, experiment, rng, role=role, hold_attitude=inputs.hold_attitude)
+
+
+def _check_pulses(model: SpacecraftModel, inputs: Inputs, duration: float) -> None:
+    """Raise `ExperimentError` where thrusters that fire in pulses are to give a part of their thrust.
+
+    What is simulated has no samples yet: a share acts all through, and would be read as another motion's.
+    """
+    pulsed = [k for k, t in enumerate(model.description.thruster) if t.pulse != "spread"]
+    if inputs.thruster is None or not pulsed:
+        return
+    shares = sample(inputs.thruster, np.linspace(0.0, duration, LOOKS))[:, pulsed]
+    part = (shares > PART) & (shares < 1.0 - PART)
+    if part.any():
+        thruster = model.description.thruster[pulsed[int(np.argmax(part.any(axis=0)))]]
+        raise ExperimentError(
+            f"Thruster '{thruster.name}' fires in pulses, and the experiment asks for "
+            f"{shares[part][0]:.3g} of its thrust all through.",
+            advice="Switch it between 0 and 1, or leave out `pulse` for what is a throttle.",
+        )
 
 
 def record_motion(

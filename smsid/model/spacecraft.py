@@ -286,7 +286,7 @@ def group_angles(model: pin.Model, group: JointGroup, q: np.ndarray) -> np.ndarr
 
 
 def set_group_angles(group: JointGroup, q: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Return copies (..., nq) of q (nq,), or (..., nq), with a group's joints at angles (..., joints)."""
+    """Return copies (..., nq) of q (nq,), or one for each, with a group's joints at angles (..., joints)."""
     angles = np.asarray(angles, dtype=float)
     out = np.empty((*angles.shape[:-1], q.shape[-1]))
     out[...] = q

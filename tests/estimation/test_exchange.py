@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from smsid.description.schema import Description, Thruster
 from smsid.effects import ModalAppendage, ThrusterGain
 from smsid.effects.appendage import Mode
-from smsid.estimation.exchange import _exchanged, _near, _pairs, likely_exchanges
+from smsid.estimation.exchange import _exchanged, _near, _pairs, distinct, likely_exchanges
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.normal_equations import normal_equations
@@ -120,7 +120,12 @@ def test_an_exchange_keeps_signs_and_pairs_far_apart_are_not_asked(tmp_path):
         moved = {u.name: point.value(u) + d for u, d in zip(unknowns, step, strict=True)}
         assert moved["north.mode1.frequency"] == frequencies[1]
         assert moved["north.mode1.rotation.x"] == 9.0 and moved["south.mode1.rotation.x"] == -9.0
-        assert _near(normal_equations(point, unknowns, [flight]), step) is near
+        found = normal_equations(point, unknowns, [flight])
+        assert _near(found, step) is near
+        there: Any = SimpleNamespace(point=point.moved(unknowns, step))
+        assert distinct(found, [(("north", "south"), found), (("south", "north"), there)]) == [
+            (("south", "north"), there)
+        ]
 
 
 def test_only_what_rings_on_the_same_body_is_asked(tmp_path):

@@ -12,6 +12,7 @@ from smsid.estimation.flight import _without_switching_times
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.input_hold import commanded_inputs, means
+from smsid.experiments import Experiment, fly
 from smsid.inputs.signals import Constant
 from smsid.model import build_model
 from smsid.model.column_order import order_columns
@@ -233,3 +234,21 @@ def _write_truth(folder):
         f'ixy="{j[0, 1]}" ixz="{j[0, 2]}" iyz="{j[1, 2]}"/></inertial></link></robot>',
         encoding="utf-8",
     )
+
+
+@pytest.mark.parametrize(("share", "refused"), [(1.0, False), (0.3, True)])
+def test_what_fires_in_pulses_is_not_simulated_at_a_part_of_its_thrust(tmp_path, share, refused):
+    """What `simulate` writes is read by `identify` as it was flown, or not written."""
+    model = build_model(with_pulses(described(tmp_path), "begin"))
+    steps = {"kind": "steps", "times": [0.0, 1.0], "values": [[share, 0.0, 0.0, 0.0], [0.0] * 4]}
+    tree = {"schema": 1, "name": "burn", "duration": 2.0, "thruster": steps}
+    experiment = Experiment.model_validate(tree)
+    if refused:
+        with pytest.raises(ExperimentError, match=r"'a' fires in pulses, .* asks for 0\.3 of its thrust"):
+            fly(model, experiment, np.random.default_rng(1))
+    else:
+        found = fly(model, experiment, np.random.default_rng(1)).recording
+        thrust = commanded_inputs(model, found, "held").thruster
+        assert thrust is not None
+        impulse = means(thrust, np.array([0.0, 2.0]))[0, 0] * 2.0
+        assert impulse == pytest.approx(1.0, abs=1e-6)
