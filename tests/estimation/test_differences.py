@@ -18,7 +18,7 @@ from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.estimation.unknowns import unknowns_of
 
-from .satellite import Satellite, guess, recorded
+from tests.estimation.satellite import Satellite, guess, recorded
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pinocchio as pin
 from smsid.effects import GraspedBody
 from smsid.estimation.identify_flights import identify_flights
 
-from .satellite import Satellite, burns_and_wheels, guess, recorded
+from tests.estimation.satellite import Satellite, burns_and_wheels, guess, recorded
 
 BEFORE = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
 BODY = pin.Inertia(40.0, np.array([0.8, -0.4, 0.3]), np.diag([3.0, 4.0, 2.5]))

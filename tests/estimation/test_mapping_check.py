@@ -8,7 +8,7 @@ from smsid.estimation.mapping_check import wrong_columns
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 
-from .satellite import Satellite, burns_and_wheels, guess, recorded
+from tests.estimation.satellite import Satellite, burns_and_wheels, guess, recorded
 
 TRUTH = Satellite()
 

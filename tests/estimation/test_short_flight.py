@@ -10,7 +10,7 @@ from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.normal_equations import objective_of
 from smsid.estimation.parameter_vector import Point
 
-from .satellite import Satellite, guess, recorded, true_values
+from tests.estimation.satellite import Satellite, guess, recorded, true_values
 
 SMALL = Satellite(
     centre=(0.0, 0.0, 0.0),

@@ -21,7 +21,7 @@ from smsid.estimation.smoother import smoothed_states
 from smsid.estimation.unknowns import effect_unknown, sensor_unknowns, unknowns_of
 from smsid.sensing.error_model import ErrorModel
 
-from .satellite import Satellite, guess, recorded, true_values
+from tests.estimation.satellite import Satellite, guess, recorded, true_values
 
 COMMANDS = ("command.force", "command.torque", "command.wheel_torque")
 

@@ -22,7 +22,7 @@ from smsid.estimation.unknowns import unknowns_of
 from smsid.identify.estimate import Estimate, classify
 from smsid.recording import load_recording, save_recording
 
-from .satellite import Satellite, guess, recorded
+from tests.estimation.satellite import Satellite, guess, recorded
 
 
 def linear_system(rng, samples=12, width=4, rows=3, seen=0.8):

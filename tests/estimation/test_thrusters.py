@@ -20,7 +20,7 @@ from smsid.recording import Recording
 from smsid.simulate import Inputs
 from smsid.tracking.drive import CommandMemory
 
-from .satellite import Satellite, guess, recorded
+from tests.estimation.satellite import Satellite, guess, recorded
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
 PLACES = {"a": (0.5, 0.4, 0.0), "b": (-0.5, 0.4, 0.1), "c": (0.0, -0.6, 0.5), "d": (0.3, 0.0, -0.5)}

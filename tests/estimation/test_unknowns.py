@@ -12,7 +12,7 @@ from smsid.estimation.unknowns import unknowns_of
 from smsid.model import build_model
 from smsid.model.regressor import INERTIAL_NAMES
 
-from .satellite import Satellite, guess
+from tests.estimation.satellite import Satellite, guess
 
 PANEL = BeamAppendage(
     name="wing",
