@@ -17,7 +17,6 @@ from smsid.estimation.problem import CommandTiming
 from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.estimation.unknowns import unknowns_of
-
 from tests.estimation.satellite import Satellite, guess, recorded
 
 

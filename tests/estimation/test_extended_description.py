@@ -11,7 +11,6 @@ from smsid.effects import SensorScale
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
-
 from tests.estimation.satellite import Satellite, guess, recorded
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))

@@ -7,7 +7,6 @@ import pinocchio as pin
 
 from smsid.effects import GraspedBody
 from smsid.estimation.identify_flights import identify_flights
-
 from tests.estimation.satellite import Satellite, burns_and_wheels, guess, recorded
 
 BEFORE = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))

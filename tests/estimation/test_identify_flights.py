@@ -18,8 +18,15 @@ from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 from smsid.sensing.error_model import ErrorModel
-
-from tests.estimation.satellite import AXES, Satellite, burns_and_wheels, guess, recorded, rotation, true_values
+from tests.estimation.satellite import (
+    AXES,
+    Satellite,
+    burns_and_wheels,
+    guess,
+    recorded,
+    rotation,
+    true_values,
+)
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
 COMMANDS = ("command.wheel_torque", "command.force", "command.torque")

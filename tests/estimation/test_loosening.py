@@ -15,7 +15,6 @@ from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.loosening import FIRST_SHARE, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.parameter_vector import Point
-
 from tests.estimation.satellite import Satellite, guess, recorded, true_values
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))

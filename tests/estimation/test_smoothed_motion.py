@@ -20,7 +20,6 @@ from smsid.estimation.smoothed_motion import SmoothedRun, smoothed_runs
 from smsid.estimation.smoother import smoothed_states
 from smsid.estimation.unknowns import effect_unknown, sensor_unknowns, unknowns_of
 from smsid.sensing.error_model import ErrorModel
-
 from tests.estimation.satellite import Satellite, guess, recorded, true_values
 
 COMMANDS = ("command.force", "command.torque", "command.wheel_torque")

@@ -21,7 +21,6 @@ from smsid.estimation.smoother import bryson_frazier, smoothed_states
 from smsid.estimation.unknowns import unknowns_of
 from smsid.identify.estimate import Estimate, classify
 from smsid.recording import load_recording, save_recording
-
 from tests.estimation.satellite import Satellite, guess, recorded
 
 

@@ -9,7 +9,6 @@ from smsid.estimation.maximum import maximise
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.unknowns import unknowns_of
-
 from tests.estimation.satellite import Satellite, burns_and_wheels, guess, recorded
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))

@@ -20,7 +20,6 @@ from smsid.estimation.problem import CommandTiming, UnknownInput
 from smsid.estimation.smoother import predicted_covariances
 from smsid.estimation.unknowns import unknowns_of
 from smsid.recording import Recording
-
 from tests.estimation.satellite import NOISE, Satellite, guess, recorded, true_values
 
 WALK, SECONDS = 0.02, 2.4

@@ -11,7 +11,6 @@ from smsid.estimation.retraction import retract
 from smsid.estimation.unknowns import unknowns_of
 from smsid.model import build_model
 from smsid.model.regressor import INERTIAL_NAMES
-
 from tests.estimation.satellite import Satellite, guess
 
 PANEL = BeamAppendage(

@@ -18,7 +18,6 @@ from smsid.estimation.unread_start import with_unread_start
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 from smsid.sensing.error_model import ErrorModel
-
 from tests.estimation.satellite import Satellite, guess, recorded, rotation, true_values
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))
