@@ -266,6 +266,8 @@ def _batch(
     if quality.judgement == "not explained":
         parameters = tuple(_not_identifiable(p, quality.reason) for p in estimate.parameters)
         estimate = replace(estimate, parameters=parameters)
+        if disagree:  # far from both there is no straight line from what is common to each by itself
+            disagree = contradictions_one_by_one(description, recordings, cad) or disagree
     wrong = _better_columns(description, recordings, quality.judgement == "not explained")
     notes = (quality.sentence, *wrong, *(c.sentence for c in disagree), *doubts, *estimate.notes)
     estimate = replace(estimate, notes=notes)
