@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from smsid._files import atomic_write
 from smsid._reading import SCHEMA_VERSION, reading_document
@@ -22,6 +21,7 @@ from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.statespace import StateSpace
 from smsid.control.trajectory import Motion
+from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -133,7 +133,7 @@ class SavedController:
                 advice="Design one for this description by `smsid control`.",
             )
         inertias = [
-            pin.Inertia.FromDynamicParameters(self.bodies[name]) if self.bodies[name][0] > 0.0 else described
+            pinocchio_inertia(self.bodies[name]) if self.bodies[name][0] > 0.0 else described
             for name, described in zip(names, list(dynamics.pin.inertias)[1:], strict=True)
         ]
         own = dynamics.with_inertias(inertias)

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from smsid._short_repr import short_repr
 from smsid.control.reduced import ReducedDynamics
 from smsid.description.schema import Description
+from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.errors import ControlError
 from smsid.estimation.bodies import (
     identified_bodies,
@@ -67,7 +67,7 @@ class IdentifiedModel:
         for name, inertia in zip(list(found.pin.names)[1:], list(found.pin.inertias)[1:], strict=True):
             own = change[names.index(name)]
             theta = inertia.toDynamicParameters() + own
-            inertias.append(pin.Inertia.FromDynamicParameters(theta) if own.any() else inertia.copy())
+            inertias.append(pinocchio_inertia(theta) if own.any() else inertia.copy())
         return found.with_inertias(inertias)
 
 
@@ -98,7 +98,7 @@ def identified_model(description: Description, estimate: Estimate) -> Identified
         joint = changed.getJointId(name)
         if joint < changed.njoints:
             own = changed.inertias[joint].toDynamicParameters() + theta - urdf[name]
-            changed.inertias[joint] = pin.Inertia.FromDynamicParameters(own)
+            changed.inertias[joint] = pinocchio_inertia(own)
     names, own_terms = set(Regressor(model).names), linear_terms(estimate, whole_bodies(model)[:10])
     untold = [
         p.name

@@ -24,6 +24,7 @@ from smsid.control.mu import UncertainBlock
 from smsid.control.robust import controlled_names, errors_of, law_of, springs
 from smsid.control.statespace import StateSpace, lower_lft
 from smsid.control.wheels import WheelLayout
+from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate
 from smsid.likelihood.parameters import Parameters
@@ -255,7 +256,7 @@ def _mass_matrix(model: SpacecraftModel, q: np.ndarray, change: np.ndarray | Non
     for k, own in enumerate(change.reshape(-1, SIZE)):
         if own.any():
             theta = moved.inertias[k + 1].toDynamicParameters() + step * own
-            moved.inertias[k + 1] = pin.Inertia.FromDynamicParameters(theta)
+            moved.inertias[k + 1] = pinocchio_inertia(theta)
     exact = np.array(pin.crba(model.pin, model.data, q))
     return exact + (np.array(pin.crba(moved, moved.createData(), q)) - exact) / step
 

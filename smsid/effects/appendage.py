@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from smsid.effects.appendage_effect import ModeError
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect, SigmaOf, Vector3, physical, register
+from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.effects.mode import Cantilever, Mode, mode_joints
 from smsid.errors import DescriptionError
 from smsid.parameter import Parameter
@@ -359,7 +360,7 @@ class ModalAppendage(Appendage):
     def rigid_inertia(self) -> pin.Inertia:
         """Return the rigid inertia (about its CM, lever from the root)."""
         first = self.mass * np.asarray(self.center_of_mass)
-        return pin.Inertia.FromDynamicParameters(np.array([self.mass, *first, *self.inertia]))
+        return pinocchio_inertia(np.array([self.mass, *first, *self.inertia]))
 
     def station_positions(self) -> np.ndarray:
         """Return the stations in appendage axes, (stations, 3) [m]."""

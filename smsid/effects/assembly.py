@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from smsid._listing import did_you_mean
 from smsid.effects.force_laws import Depends, ForceLaw
-from smsid.effects.inertial_parameters import inertia_from_parameters, move_parameters
+from smsid.effects.inertial_parameters import inertia_from_parameters, move_parameters, pinocchio_inertia
 from smsid.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ class Assembly:
         if joint and factor != 1.0:
             more = (factor - 1.0) * self.described[joint]
             total = self.model.inertias[joint].toDynamicParameters() + more
-            self.model.inertias[joint] = pin.Inertia.FromDynamicParameters(total)
+            self.model.inertias[joint] = pinocchio_inertia(total)
 
     def add_imbalance(self, wheel: int, theta: np.ndarray) -> None:
         """Add inertial parameters (10,) without mass, in the joint's frame, to what turns about a joint.
@@ -218,11 +218,11 @@ class Assembly:
         model, parent = self.model, self.model.parents[wheel]
         mass = np.r_[CARRIED, np.zeros(9)]
         total = model.inertias[wheel].toDynamicParameters() + theta + mass
-        model.inertias[wheel] = pin.Inertia.FromDynamicParameters(total)
+        model.inertias[wheel] = pinocchio_inertia(total)
         if parent:
             rest = model.inertias[parent].toDynamicParameters()
             rest -= move_parameters(model.jointPlacements[wheel], mass)
-            model.inertias[parent] = pin.Inertia.FromDynamicParameters(rest)
+            model.inertias[parent] = pinocchio_inertia(rest)
 
     def add_springs(self, joint: int, stiffness: Sequence[float], damping: Sequence[float]) -> None:
         """Add linear springs and dampers to a joint, one pair per degree of freedom [N/m | N m/rad, s

@@ -43,6 +43,22 @@ def pseudo_inertia(theta: np.ndarray) -> np.ndarray:
     return np.block([[sigma, theta[1:4, None]], [theta[None, 1:4], theta[:1, None]]])
 
 
+def pinocchio_inertia(theta: np.ndarray) -> pin.Inertia:
+    """Return the `pin.Inertia` of parameters (10,), physical or not; of a rotor without mass: its moments.
+
+    Pinocchio divides the first moment by the mass. Raises `DescriptionError` for a first moment without mass.
+    """
+    if theta[0] != 0.0:
+        return pin.Inertia.FromDynamicParameters(theta)
+    if np.any(theta[1:4]):
+        raise DescriptionError(
+            f"A body without mass has a first moment of {theta[1:4]} kg m.",
+            advice="Give it a mass, or its centre of mass at the origin of its frame.",
+            parameters=theta,
+        )
+    return pin.Inertia(0.0, np.zeros(3), parameters_to_matrix(theta))
+
+
 def inertia_from_parameters(theta: np.ndarray, name: str, *, trusted: bool = False) -> pin.Inertia:
     """Return the `pin.Inertia` of parameters (10,).
 
@@ -56,4 +72,4 @@ def inertia_from_parameters(theta: np.ndarray, name: str, *, trusted: bool = Fal
             "participation factors and spin inertia, and `inertia_in_bus`.",
             parameters=theta,
         )
-    return pin.Inertia.FromDynamicParameters(theta)
+    return pinocchio_inertia(theta)

@@ -17,6 +17,7 @@ import scipy  # loads a part of it when that is used
 from pydantic import Field
 
 from smsid.effects.base import Vector3, physical
+from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.effects.table import StrictTable
 from smsid.errors import DescriptionError
 
@@ -61,7 +62,7 @@ def mode_joints(
 ) -> tuple[tuple[ModeJoint, ...], np.ndarray]:
     """Return what `mode_joint` gives for every mode, and the parameters (10,) of the rigid remainder."""
     remainder = np.array(parameters)
-    rigid = pin.Inertia.FromDynamicParameters(remainder)
+    rigid = pinocchio_inertia(remainder)
     parts = tuple(mode_joint(mode, rigid) for mode in modes)
     for _, inertia, placement, _ in parts:
         remainder = remainder - placement.act(inertia).toDynamicParameters()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from smsid.effects.inertial_parameters import parameters_to_matrix
+from smsid.effects.inertial_parameters import parameters_to_matrix, pinocchio_inertia
 from smsid.errors import DescriptionError
 
 
@@ -121,7 +121,7 @@ class ExtraInertia:
             self._alone = alone, alone.createData()
         model, data = self._alone
         sign = -1.0 if theta[0] < 0.0 else 1.0  # a body of Pinocchio's has a positive mass
-        model.inertias[self.joint] = pin.Inertia.FromDynamicParameters(sign * theta)
+        model.inertias[self.joint] = pinocchio_inertia(sign * theta)
         pin.computeRNEADerivatives(model, data, q, v, a)
         return sign * data.dtau_dq, sign * data.dtau_dv
 

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from smsid.description.schema import Description
 from smsid.effects.base import Effect
+from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.estimation.measurements import component_labels
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.model import build_model, rebuild
@@ -237,7 +238,7 @@ class Point:
             for c, shift in self.inertial.items():
                 if c // 10 + 1 == j:
                     theta[c % 10] += shift
-            model.pin.inertias[j] = pin.Inertia.FromDynamicParameters(theta)
+            model.pin.inertias[j] = pinocchio_inertia(theta)
         return model
 
     def physical(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.inputs.inputs import Inputs
 from smsid.inputs.signals import Signal
 from smsid.kernel.arrays import Kernel, arrays_of
@@ -97,7 +98,7 @@ class ProcessModel:
         for term, begun in self._growing:
             more = term.parameters(t)
             theta = begun if more is None else begun + more
-            self.pin.inertias[term.joint] = pin.Inertia.FromDynamicParameters(theta)
+            self.pin.inertias[term.joint] = pinocchio_inertia(theta)
 
     def linear(self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> LinearDynamics:
         """Return accelerations at q (nq,), v (nv,) under tau (nv,), with their derivatives."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from smsid._files import atomic_folder, atomic_write, file_stem
 from smsid._short_repr import short_repr
@@ -21,6 +20,7 @@ from smsid.description.robot_sources import robot_xml
 from smsid.description.urdf_check import read_urdf
 from smsid.description.urdf_writing import inertial_tag
 from smsid.effects.assembly import find_frame
+from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.errors import OutputError
 from smsid.estimation.bodies import IdentifiedBodies, identified_bodies, with_estimate
 from smsid.export.mjcf import counterparts, write_mjcf
@@ -300,5 +300,5 @@ def _replace(link: ElementTree.Element, theta: np.ndarray | None) -> None:
         link.remove(old)
     if theta is None or not theta[0] > 0.0:
         return
-    body = pin.Inertia.FromDynamicParameters(theta)
+    body = pinocchio_inertia(theta)
     link.insert(0, inertial_tag(body.mass, body.lever, body.inertia))

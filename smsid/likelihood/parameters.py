@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from smsid.description.schema import Description
 from smsid.effects.assembly import AppendageJoints
-from smsid.effects.inertial_parameters import move_parameters, parameters_to_matrix
+from smsid.effects.inertial_parameters import move_parameters, parameters_to_matrix, pinocchio_inertia
 from smsid.errors import DescriptionError
 from smsid.identify.appendages import as_described
 from smsid.likelihood.pseudo_inertia import SIZE, is_body
@@ -191,7 +191,7 @@ class Parameters:
         groups = (self.layout.model.modes, self.layout.model.further_modes)
         changed |= {int(j) for g in groups for j in g.joints}
         for j in changed:
-            model.inertias[j] = pin.Inertia.FromDynamicParameters(theta[SIZE * (j - 1) : SIZE * j])
+            model.inertias[j] = pinocchio_inertia(theta[SIZE * (j - 1) : SIZE * j])
         return model
 
     def description(self) -> Description:
