@@ -22,8 +22,9 @@ from smsid.estimation.inertial_combinations import reported_parameters
 from smsid.estimation.likeliest_torques import are_told_by_torques, with_likeliest_motion, with_mean_torques
 from smsid.estimation.loosening import FIRST_SHARE, SHARE_RATIO, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
-from smsid.estimation.normal_equations import NormalEquations
+from smsid.estimation.normal_equations import NormalEquations, objective_of
 from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.restart import guess_sigma, likeliest_of_restarts
 from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.likelihood.search import GROSS
@@ -32,7 +33,6 @@ LOGGER = logging.getLogger(__name__)
 NEAR_GAIN = 4.0  # predicted gain of the log-posterior with which a search with noise of the model has ended
 LITTLE_ERROR = 1e-3  # share by which a model errs from where on a strict search is near enough
 ASTRAY_ERROR = 0.03  # share of what drives the motion, by which a model errs at best that does not follow
-GUESS_ERROR = 0.3  # share by which a described effect is off, as is believed while its model may err
 WIDE_ATTITUDE = 0.1  # [rad] of the attitude at the start, beyond which a filter's linearisation may not hold
 
 Tell = Callable[[str], None]
@@ -71,7 +71,7 @@ def _approach(
     Beside such errors little is told of hidden masses and springs, which would run after them: they stay near
     where they are described, as long as nothing tells otherwise.
     """
-    unknowns = [_as_guessed(u) for u in unknowns]
+    unknowns = [replace(u, sigma=guess_sigma(u)) for u in unknowns]
     point, coarse = described, [thin_flight(f) for f in flights]
     fewer = any(c is not f for c, f in zip(coarse, flights, strict=True))
     share, last, astray = likeliest_share(point, coarse, FIRST_SHARE), np.inf, 0.0
@@ -93,13 +93,6 @@ def _approach(
     return point, list(flights), share
 
 
-def _as_guessed(unknown: Unknown) -> Unknown:
-    """Return a parameter of an effect as near to its description as a first guess is; others as they are."""
-    if unknown.kind != "effect" or not unknown.nominal:
-        return unknown
-    return replace(unknown, sigma=min(unknown.sigma, GUESS_ERROR * abs(unknown.nominal)))
-
-
 def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
     """Return the maximum of the model as it is, near a point.
 
@@ -109,6 +102,7 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
     """
     if tell is not None:
         tell("search with the model as it is")
+    begins = [point]
     if any(f.problem.profiled for f in flights):
         try:
             found, taken, _ = _searched(point, unknowns, flights, tell)
@@ -117,9 +111,12 @@ def _at_rest(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], t
             found, taken, visited = _settled(found, taken, more, tell)
             if are_told_by_torques(found, taken):  # it has not gone off to where noise fits noise
                 return found, taken, visited
+            begins.append(found.point)
         except NotIdentifiableError as error:
             LOGGER.info("not at the likeliest torques: %s", error)
-    return _settled(*_searched(point, unknowns, with_mean_torques(flights), tell), tell)
+    averaged = with_mean_torques(flights)
+    begin = min(begins, key=lambda x: objective_of(x, unknowns, averaged)) if begins[1:] else point
+    return _settled(*_searched(begin, unknowns, averaged, tell), tell)
 
 
 def _searched(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], tell: Tell | None) -> Found:
@@ -138,10 +135,11 @@ def _searched(point: Point, unknowns: Sequence[Unknown], flights: list[Flight], 
 def _settled(
     found: NormalEquations, flights: list[Flight], visited: list[NormalEquations], tell: Tell | None
 ) -> Found:
-    """Return a maximum at rest, with steps as short as it needs."""
+    """Return a maximum at rest, with steps as short as it needs, the likeliest that is found."""
+    found, again = likeliest_of_restarts(found, flights, tell)
     found, flights, more = finely_stepped(found, flights, tell)
     found, last = settled_maximum(found, [], flights, tell)
-    return found, flights, [*visited, *more, *last]
+    return found, flights, [*visited, *again, *more, *last]
 
 
 def settled_maximum(
