@@ -21,7 +21,7 @@ from smsid.estimation.normal_equations import NormalEquations, log_determinant_o
 from smsid.estimation.retraction import retract
 from smsid.estimation.trust_region import sizes
 
-STRAIGHT_WITHIN = 1.0  # second difference of the volume over a sigma to both sides, of what is told: noise alone 3
+STRAIGHT_WITHIN = 1.0  # second difference of the volume a sigma to both sides, of what is told; of noise: 3
 ASKED_SHARE = 0.01  # share along an axis that the recordings tell, from which it is asked about
 MOST_AXES = 3  # axes, those told least
 MEAN = (

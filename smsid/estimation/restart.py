@@ -1,8 +1,8 @@
 """Effects far from where they were described: whether a likelier maximum lies nearer.
 
-A likelihood of hidden masses has many maxima, and a search on its way from a first guess may be caught in one:
-a spring run off to nothing, a mode that rings and moves nobody. From there, what is far off is set back to its
-description, all else left, and searched for anew: what is right comes to the same maximum once more.
+A likelihood of hidden masses has many maxima, and a search on its way from a first guess may be caught in
+one: a spring run off to nothing, a mode that rings and moves nobody. From there, what is far off is set back
+to its description, all else left, and searched for anew: what is right comes to the same maximum once more.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Tell = Callable[[str], None]
 
 
 def guess_sigma(unknown: Unknown) -> float:
-    """Return the standard deviation of a first guess of an effect's parameter; that of its prior for others."""
+    """Return the standard deviation of an effect's parameter as first guessed, the prior's of others."""
     if unknown.kind != "effect" or not unknown.nominal:
         return unknown.sigma
     return min(unknown.sigma, GUESS_ERROR * abs(unknown.nominal))

@@ -178,6 +178,8 @@ def _deviation(cause: Mapping[str, Any], injected: Injected) -> float | None:
         stated = p["name"].endswith(f".{injected.effect.parameter}") and p.get("nominal") is None
         if stated and p["unit"] == injected.effect.unit and p["sigma"]:
             off, ends = p["value"] - injected.value, p.get("profile")
-            half = p["sigma"] * 1.96 if ends is None else abs(p["value"] - ends[0 if off > 0.0 else 1])
-            return float(1.96 * off / half)
+            if ends is None:
+                return float(off / p["sigma"])
+            end = ends[0 if off > 0.0 else 1]  # none: open on that side, and nothing is outside there
+            return 0.0 if end is None else float(1.96 * off / abs(p["value"] - end))
     return None
