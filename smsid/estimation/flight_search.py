@@ -206,10 +206,15 @@ def convergence_error(flights: Sequence[Flight], quality: FitQuality) -> NotIden
     doubts = [f"'{f.label}' is {n}. " for f in flights for n in f.notes if n.startswith("doubtful")]
     if quality.judgement == "not explained":
         doubts.append(f"Where it stopped: {quality.sentence} `smsid diagnose` looks for what is missing. ")
+    taken = {f.label: [n for n in f.notes if not n.startswith("doubtful")] for f in flights}
+    taken = {label: notes for label, notes in taken.items() if notes}
+    granted = " ".join(f"Taken for granted of '{label}': {'; '.join(n)}." for label, n in taken.items())
     return NotIdentifiableError(
         "The search for the most likely parameters does not come to rest.",
         advice="".join(doubts)
-        + "Give priors (`prior`, --cad), or mark as known what the recordings do not tell.",
+        + "Give priors (`prior`, --cad), or mark as known what the recordings do not tell. "
+        + granted,
+        taken=taken,
     )
 
 

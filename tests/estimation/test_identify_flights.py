@@ -286,6 +286,7 @@ def test_a_search_without_rest_says_what_the_model_does_not_explain(tmp_path, fl
     assert "does not come to rest" in said and "smsid diagnose" in said
     assert re.search(r"gyro\.angular_rate\[2\] in 'seen' is left at 6 times its stated noise", said)
     assert "diagnose" not in str(convergence_error([flight], FitQuality((), 1.0)))
+    assert flight.notes and all(n in said for n in flight.notes)  # what was taken for granted may be wrong
 
 
 def test_what_cannot_be_used_is_refused(tmp_path):
