@@ -100,7 +100,7 @@ def contradictions_one_by_one(
             return ()
     own = [a.prior.residual(a.fit.point.parameters) for a in alone]
     rate = np.diag(own[0][1])
-    rows, _ = seen_in(alone[0].fit.pieces, alone[0].fit.seen, alone[0].described)
+    rows = [seen_in(a.fit.pieces, a.fit.seen, a.described)[0] for a in alone]
     return contradictions_of_separate(
         distinct(r.name for r in recordings),
         [a.fit.normal.of_pieces()[0][0] for a in alone],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -86,11 +86,14 @@ def contradictions_of(
     prior: np.ndarray,
     rows: Sequence[Combination],
     widening: float = 1.0,
+    alone: Mapping[str, Mapping[str, float]] | None = None,
 ) -> tuple[Contradiction, ...]:
     """Return which parts contradict the others, the worst first; ``prior`` (m, m): known beforehand.
 
     By the normal equations at the joint optimum: recording i alone would move by ``(G_i + P)^-1 s_i``, and
-    the difference to the same of all others is chi-squared. ``rows`` are what it is put in terms of.
+    the difference to the same of all others is chi-squared. ``rows`` are what it is put in terms of, and
+    ``alone`` their values where a part was fitted by itself, by its label and their name: of two such parts
+    these are told, not what a straight line leads to.
     """
     if len(parts) < 2:
         return ()
@@ -113,6 +116,12 @@ def contradictions_of(
         p_value = float(chdtrc(int(seen.sum()), statistic))
         if p_value * len(parts) < SIGNIFICANCE:
             apart_by_row = _differences(rows, covariances, slopes, spread)
+            if alone is not None and len(rest) == 1:
+                own_values, others = alone[part.label], alone[rest[0].label]
+                apart_by_row = {
+                    k: (name, own_values.get(name, a), others.get(name, b), z)
+                    for k, (name, a, b, z) in apart_by_row.items()
+                }
             named = [x for x in apart_by_row.values() if abs(x[3]) > NAMED_SIGMAS]
             named = sorted(named, key=lambda x: -abs(x[3]))[:MOST_NAMED]
             factor = _common_factor(rows, apart_by_row)
@@ -125,23 +134,24 @@ def contradictions_of_separate(
     information: Sequence[np.ndarray],
     moved: Sequence[np.ndarray],
     prior: np.ndarray,
-    rows: Sequence[Combination],
+    rows: Sequence[Sequence[Combination]],
     widening: float = 1.0,
 ) -> tuple[Contradiction, ...]:
     """Return which of recordings that were fitted one by one contradict the others, the worst first.
 
     ``information`` (m, m) is each one's without the prior, ``moved`` (m,) its optimum from what was known
-    beforehand; ``rows`` are at the first optimum. What one of them does not tell is not named.
+    beforehand, ``rows`` are those at its optimum. What one of them does not tell is not named.
     """
     grams = [x + prior for x in information]
     slopes = [g @ x for g, x in zip(grams, moved, strict=True)]
     parts = [RecordingInformation(*x) for x in zip(labels, information, slopes, strict=True)]
     told = []
-    for row in rows:
+    for row in rows[0]:
         widest = max(float(row.gradient @ np.linalg.solve(g, row.gradient)) for g in grams)
         if widest < TOLD_SHARE**2 * float(row.gradient @ np.linalg.solve(prior, row.gradient)):
             told.append(replace(row, value=row.value - float(row.gradient @ moved[0])))
-    return contradictions_of(parts, prior, told, widening)
+    alone = {label: {r.name: r.value for r in own} for label, own in zip(labels, rows, strict=True)}
+    return contradictions_of(parts, prior, told, widening, alone)
 
 
 def contradiction_error(found: Sequence[Contradiction]) -> NotIdentifiableError:

@@ -185,7 +185,7 @@ def _refuse_contradicting(
         [a.information for a in alone],
         [(np.array([a.point.value(u) for u in unknowns]) - nominal) / scales for a in alone],
         np.diag((scales / sigmas) ** 2),
-        reported_parameters(alone[0], described),
+        [reported_parameters(a, described) for a in alone],
         max(1.0, np.sqrt(2.0 * off)),
     )
     if found:

@@ -9,7 +9,12 @@ import pytest
 from scipy.stats import kstest
 
 from smsid.estimation import contradictions as module
-from smsid.estimation.contradictions import Contradiction, RecordingInformation, contradictions_of
+from smsid.estimation.contradictions import (
+    Contradiction,
+    RecordingInformation,
+    contradictions_of,
+    contradictions_of_separate,
+)
 from smsid.likelihood.combinations import Combination
 
 LARGE = np.logspace(0.0, 14.0, 15)  # information on parameters, in that of the prior
@@ -76,6 +81,25 @@ def test_forces_that_are_scaled_are_one_factor_on_all_masses(scaled, factor):
     else:
         assert found["b"].factor == pytest.approx(factor, abs=0.01)
         assert "command.force" in found["b"].sentence
+
+
+def test_of_two_that_were_fitted_one_by_one_their_own_values_are_told():
+    """Parameters are logarithms: a straight line takes 1.5 for 1 + ln 1.5."""
+    size, factor = np.array([16.2, 2250.0]), 1.5
+    steps = [np.zeros(2), np.full(2, np.log(factor))]
+    own = [
+        [
+            Combination(n, "kg", v, np.diag(v_all)[i], v)
+            for i, (n, v) in enumerate(zip("mM", v_all, strict=True))
+        ]
+        for v_all in (size * np.exp(step) for step in steps)
+    ]
+    information = [np.eye(2) * 1e5, np.eye(2) * 1e5]
+    found = contradictions_of_separate("ab", information, steps, np.eye(2), own)
+    by_name = {n: (a, b) for n, a, b, _ in found[0].parameters}
+    assert found[0].recording == "a"
+    assert by_name["m"] == (pytest.approx(16.2), pytest.approx(24.3))
+    assert found[0].factor == pytest.approx(1.0 / factor, rel=1e-9)
 
 
 def test_it_is_calibrated_where_parameters_are_told_unlike_well(monkeypatch):
