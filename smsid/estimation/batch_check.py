@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -85,11 +85,16 @@ def batch_contradictions(refinement: Refinement) -> tuple[Contradiction, ...]:
 
 
 def contradictions_one_by_one(
-    description: Description, recordings: Sequence[Recording], cad: Cad | None
+    description: Description,
+    recordings: Sequence[Recording],
+    cad: Cad | None,
+    tell: Callable[[str], None] | None = None,
 ) -> tuple[Contradiction, ...]:
     """Return which recordings contradict the others, each fitted by itself; none if one is not explained."""
     alone: list[Refinement] = []
     for recording in recordings:
+        if tell is not None:
+            tell(f"no spacecraft explains all: '{recording.name}' by itself")
         try:
             linear = by_the_paper(description, [recording], replicates=False)
             alone.append(refine(description, [recording], linear, cad=cad))

@@ -257,7 +257,8 @@ def _batch(
     try:
         refined = refine(description, recordings, start, cad=cad, of_parts=isinstance(start, Refinement))
     except ConvergenceError:
-        disagree = contradictions_one_by_one(description, recordings, cad) if len(recordings) > 1 else ()
+        several = len(recordings) > 1
+        disagree = contradictions_one_by_one(description, recordings, cad, tell) if several else ()
         if disagree:
             raise contradiction_error(disagree) from None
         raise
@@ -267,7 +268,7 @@ def _batch(
         parameters = tuple(_not_identifiable(p, quality.reason) for p in estimate.parameters)
         estimate = replace(estimate, parameters=parameters)
         if disagree:  # far from both there is no straight line from what is common to each by itself
-            disagree = contradictions_one_by_one(description, recordings, cad) or disagree
+            disagree = contradictions_one_by_one(description, recordings, cad, tell) or disagree
     wrong = _better_columns(description, recordings, quality.judgement == "not explained")
     notes = (quality.sentence, *wrong, *(c.sentence for c in disagree), *doubts, *estimate.notes)
     estimate = replace(estimate, notes=notes)

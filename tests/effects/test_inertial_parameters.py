@@ -12,7 +12,11 @@ from smsid.errors import DescriptionError
 
 
 def test_a_body_of_random_parameters_is_pinocchios():
-    theta = pin.Inertia.Random().toDynamicParameters()
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(6, 3))  # a body of six equal masses
+    inertia = sum(x @ x * np.eye(3) - np.outer(x, x) for x in points - points.mean(axis=0))
+    theta = pin.Inertia(6.0, points.mean(axis=0), inertia).toDynamicParameters()
+    assert np.allclose(theta[1:4], points.sum(axis=0))
     assert np.allclose(pinocchio_inertia(theta).toDynamicParameters(), theta, atol=1e-12)
     assert np.allclose(pinocchio_inertia(-theta).toDynamicParameters(), -theta, atol=1e-12)
 
