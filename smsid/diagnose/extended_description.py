@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,12 +38,27 @@ class BodyValues:
 def extended_point(found: Search, hints: Sequence[Candidate] = ()) -> Point:
     """Return where the last fit stands, of several recordings in the last of them, without the effects of
     ``hints``, which are no causes.
+
+    Of an effect that is added the parameters that were not fitted are marked `known`: who identifies what is
+    written, estimates what was found.
     """
     point = as_now(found.last)
     described = {e.name for e in found.nominal.point.description.effect}
     out = {c.effect.name for c in hints if c.effect is not None} - described
-    kept = tuple(e for e in point.description.effect if e.name not in out)
+    fitted = {u.name for u in found.last.unknowns}
+    kept = tuple(
+        e if e.name in described else _with_fitted_unknown(e, fitted)
+        for e in point.description.effect
+        if e.name not in out
+    )
     return replace(point, description=point.description.model_copy(update={"effect": kept}))
+
+
+def _with_fitted_unknown(effect: Effect, fitted: AbstractSet[str]) -> Effect:
+    """Return an effect whose other parameters are known; itself where nothing of it was fitted."""
+    names = [p.name for p in effect.parameters()]
+    rest = tuple(n.removeprefix(f"{effect.name}.") for n in names if n not in fitted)
+    return effect if len(rest) == len(names) else effect.model_copy(update={"known": rest})
 
 
 def with_inertial_shifts(point: Point, last: MapFit) -> tuple[Description, tuple[str, ...]]:
@@ -113,7 +129,7 @@ def body_errors(shifts: Mapping[str, np.ndarray]) -> list[Effect]:
     return [
         BodyError(
             name=f"body_error_{body}".replace("/", "_"), body=body, mass=float(x[0]),
-            first_moment=tuple(x[1:4].tolist()), inertia=tuple(x[4:].tolist()),
+            first_moment=tuple(x[1:4].tolist()), inertia=tuple(x[4:].tolist()), known=("all",),
         )
         for body, x in shifts.items()
         if np.any(x)

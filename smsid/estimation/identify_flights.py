@@ -191,7 +191,7 @@ def _identify(
     notes = list(dict.fromkeys(told))
     notes += [f"nothing tells the scale of '{c}': masses and inertias go with it" for c in untold]
     notes += [f"{f.label}: {n}" for f in flights for n in f.notes]
-    notes += [f"'{n}' is not estimated: {why}" for n, why in asked.held.items()]
+    notes += asked.notes()
     if quality.widening > 1.0:
         notes.append(
             f"standard deviations are {quality.widening:.3g} times those of the stated noise: "

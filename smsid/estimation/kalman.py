@@ -84,7 +84,7 @@ class KalmanFilter:
             own = self.walks.compiled_tables(self.compiled_tables.parameters)
             self.compiled_tables = self.compiled_tables._replace(parameters=own)
         self.driving = driving_forces(model, problem.inputs(model))
-        self.input_noise = _input_covariance(model, problem)
+        self.input_noise = input_covariance(model, problem)
         self.forces = unknown_forces(problem.unknown_inputs, problem.timing)
         self._readable = _readable(problem)
         self.given = problem.given
@@ -219,7 +219,8 @@ def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
     return np.diag(sigma**2)
 
 
-def _input_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
+def input_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
+    """Return the variance (nv,) of inputs that are held over a sample, in generalised forces."""
     noise, out = problem.noise, np.zeros(model.nv)
     if model.free:
         out[0:3], out[3:6] = noise.force, noise.torque

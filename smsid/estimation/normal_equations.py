@@ -228,7 +228,7 @@ def _term(point: Point, unknowns: tuple[Unknown, ...], flight: Flight) -> Term:
     sums = _Sums(problem.data)
     count = len(problem.data.times)
     blocks = np.zeros((SLOPE_PARTS, len(mine)))
-    walks = WalkDerivatives.of(here, mine, problem)
+    walks = WalkDerivatives.of(here, mine, kalman)
     for first, smoothed in zip(range(0, count, SAMPLES_AT_ONCE), _runs_along(kalman), strict=True):
         run = smoothed.ran
         changes = Sensitivities(here, model, problem, smoothed.along, kalman.driving)

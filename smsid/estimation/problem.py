@@ -192,10 +192,10 @@ class Problem:
 
         That is a minimum over states and torques, along which slopes are exact
         (`smsid.estimation.smoothed_motion`). Else what was read of joints and wheels is given, and what is
-        compared are the others beside: of a model that may err, as errors go with what they move, and in a
-        search, where readings that a wrong model leaves far off are not to lead.
+        compared are the others beside: in a search, where readings that a wrong model leaves far off are not
+        to lead.
         """
-        return self.profiled and self.of_all_readings and not self.noise.accelerations
+        return self.profiled and self.of_all_readings
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
         """Return what was commanded."""

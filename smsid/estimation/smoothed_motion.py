@@ -30,8 +30,9 @@ from smsid.simulate.trajectory import States
 
 class SmoothedRun(NamedTuple):
     """A run of a filter, as it ``ran`` and ``along`` the smoothed motion; of that what the k unknown forces
-    and rates ``begin`` with (k,), zero after the first run, and what it did to the next states that they
-    ``wandered`` (N - 1, k, x). ``None`` where nothing was smoothed.
+    and rates ``begin`` with (k,), zero after the first run, and what these did to the next states as they
+    ``wandered``, and after them the d inputs that err (`erring_inputs`) by their errors (N - 1, k + d, x).
+    ``None`` where nothing was smoothed.
     """
 
     ran: FilterRun
@@ -65,10 +66,11 @@ def smoothed_runs(kalman: KalmanFilter, samples: int) -> Iterator[SmoothedRun]:
         run = start.advance(samples)
         slopes = np.vstack([_slopes(run, end), end])
         change = -first @ slopes[0] if change is None else change
-        wandered = _wandered(kalman, run, slopes[1:])
+        walked = _wandered(kalman, run, slopes[1:])
+        wandered = np.concatenate([walked, _erred(kalman, run, slopes[1:])], axis=1)
         here, after = _changes(kalman, run, slopes, change, wandered)
-        known = slice(2 * plant.nv, 2 * plant.nv + wandered.shape[1])
-        begin = change[known] if start is starts[0] else np.zeros(wandered.shape[1])
+        known = slice(2 * plant.nv, 2 * plant.nv + walked.shape[1])
+        begin = change[known] if start is starts[0] else np.zeros(walked.shape[1])
         change = here[-1]
         along = _moved(run, here, after, plant, kernel, kalman.forces.acts)
         yield SmoothedRun(run, along, begin, wandered)
@@ -91,7 +93,7 @@ def _changes(
     """Return what smoothing adds to predictions (N, x), also that of a sample after the run, if there is one,
     and to what the filter had after each reading (N, x); ``first`` (x,) is that of the first prediction.
     """
-    noise = wandered.sum(axis=1) - _other_noise(kalman, run, slopes[1:])
+    noise = wandered.sum(axis=1) - _of_biases(kalman, run, slopes[1:])
     corrections = np.einsum("nxr,nr->nx", run.gain, np.where(run.used, run.errors, 0.0))
     here, after = [first], np.empty_like(corrections)
     for k, correction in enumerate(corrections):
@@ -118,14 +120,27 @@ def _wandered(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.nd
     return out
 
 
-def _other_noise(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.ndarray:
-    """Return Q lambda (N, x) of inputs that err, and of biases that wander."""
-    lead, passed = slopes[: len(run.transition)], np.diff(run.edges)[: len(run.transition), None]
-    pushed = np.einsum("nxi,nij->nxj", run.forcing, run.middle_inverse)
-    out = np.einsum("nxj,nj->nx", pushed, kalman.input_noise * np.einsum("nxj,nx->nj", pushed, lead))
+def erring_inputs(kalman: KalmanFilter) -> np.ndarray:
+    """Return the degrees of freedom (d,) whose inputs err by what is held over a sample."""
+    return np.flatnonzero(kalman.input_noise)
+
+
+def _erred(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.ndarray:
+    """Return what the error of each input that errs does to the next state (N, d, x): - Q lambda."""
+    erring, lead = erring_inputs(kalman), slopes[: len(run.transition)]
+    pushed = np.einsum("nxi,nij->njx", run.forcing, run.middle_inverse[:, :, erring])
+    drawn = kalman.input_noise[erring] * np.einsum("njx,nx->nj", pushed, lead)
+    return -pushed * drawn[:, :, None]
+
+
+def _of_biases(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.ndarray:
+    """Return Q lambda (N, x) of biases that wander."""
+    lead = slopes[: len(run.transition)]
+    out = np.zeros_like(lead)
     if kalman.walks is not None:
+        passed = np.diff(run.edges)[: len(lead), None]
         known = 2 * kalman.model.nv + kalman.forces.walk.shape[1]
-        out[:, known:] += kalman.walks.rates * passed * lead[:, known:]
+        out[:, known:] = kalman.walks.rates * passed * lead[:, known:]
     return out
 
 

@@ -34,6 +34,19 @@ class Unknowns:
     unknowns: tuple[Unknown, ...]
     held: Mapping[str, str]
 
+    def notes(self) -> list[str]:
+        """Return a sentence for each effect and reason for which parameters are not estimated."""
+        together: dict[tuple[str, str], list[str]] = {}
+        for name, why in self.held.items():
+            effect, _, field = name.partition(".")
+            together.setdefault((effect, why), []).append(field)
+        return [
+            f"'{effect}.{fields[0]}' is not estimated: {why}"
+            if not fields[1:]
+            else f"of '{effect}' {', '.join(fields)} are not estimated: {why}"
+            for (effect, why), fields in together.items()
+        ]
+
 
 def unknowns_of(
     point: Point, *, cad: Cad | None = None, bodies: bool = True, components: bool = False

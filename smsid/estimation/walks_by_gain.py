@@ -3,6 +3,9 @@
 How far such a torque wanders is told by the reading that follows it. Of a reading 1 % too large, so is its
 walk. Were the walk held when the scale is searched, the cost of what has wandered would tell the scale: it
 falls with the torques' squares, and over minutes a scale that nothing tells would lean to small torques.
+
+By what a model errs goes the same way: errors are of accelerations, and the forces that make them are as much
+larger as the craft is heavier. Were these held, a light craft would err at less cost.
 """
 
 from __future__ import annotations
@@ -12,10 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid.estimation.kalman import KalmanFilter, input_covariance
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import DIFFERENCE_STEP, Sensitivity
-from smsid.estimation.smoothed_motion import SmoothedRun
+from smsid.estimation.smoothed_motion import SmoothedRun, erring_inputs
 
 
 def walks_as_read(problem: Problem) -> Problem:
@@ -34,26 +38,34 @@ def walks_as_read(problem: Problem) -> Problem:
 
 @dataclass(frozen=True)
 class WalkDerivatives:
-    """By which ``shares`` (m, k) of themselves walks change with parameters: forces, then rates of some."""
+    """By which ``shares`` (m, k + d) of themselves walks change with parameters: forces, then rates of some,
+    and after these errors of inputs.
+    """
 
     shares: np.ndarray
 
     @classmethod
-    def of(cls, here: Point, unknowns: Sequence[Unknown], problem: Problem) -> WalkDerivatives:
-        """Return those at the point of a problem that is read there."""
+    def of(cls, here: Point, unknowns: Sequence[Unknown], kalman: KalmanFilter) -> WalkDerivatives:
+        """Return those at the point that a filter is of."""
+        problem, erring = kalman.problem, erring_inputs(kalman)
         inputs = problem.unknown_inputs
         sloped = [i for i, u in enumerate(inputs) if u.slope]
-        shares = np.zeros((len(unknowns), len(inputs) + len(sloped)))
+        walks = len(inputs) + len(sloped)
+        shares = np.zeros((len(unknowns), walks + len(erring)))
         if problem.at_likeliest_motion:
             gains = _gains(problem)
             for i, u in enumerate(unknowns):
+                step = DIFFERENCE_STEP * u.scale
+                step = step if here.value(u) + step <= here.bounds(u)[1] else -step
                 if u.kind in ("sensor", "effect"):  # scales of readings are either
-                    step = DIFFERENCE_STEP * u.scale
-                    step = step if here.value(u) + step <= here.bounds(u)[1] else -step
                     sensors = here.moved([u], np.array([step])).sensors()
                     moved = _gains(replace(problem, data=problem.data.with_blocks(sensors)))
                     own = (gains / moved - 1.0) / step
-                    shares[i] = np.concatenate([own, own[sloped]])
+                    shares[i, :walks] = np.concatenate([own, own[sloped]])
+                if u.kind in ("inertial", "effect") and len(erring):
+                    model = here.moved([u], np.array([step])).model()
+                    larger = input_covariance(model, problem)[erring] / kalman.input_noise[erring]
+                    shares[i, walks:] = 0.5 * (larger - 1.0) / step
         return cls(shares)
 
     def with_walks(
@@ -66,8 +78,9 @@ class WalkDerivatives:
         if smoothed.wandered is None or smoothed.begin is None:
             return out
         known = slice(smoothed.ran.by_a.shape[2] * 2, None)
+        walks = len(smoothed.begin)
         for i in np.flatnonzero(self.shares.any(axis=1)):
-            delta[known, i][: len(smoothed.begin)] += self.shares[i] * smoothed.begin
+            delta[known, i][:walks] += self.shares[i, :walks] * smoothed.begin
             ahead = np.einsum("k,nkx->nx", self.shares[i], smoothed.wandered)
             if (own := out[i].ahead) is not None:
                 ahead[:, : own.shape[1]] += own

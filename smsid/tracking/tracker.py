@@ -11,7 +11,7 @@ from smsid.description.schema import Description
 from smsid.errors import RecordingError, SimulationError
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import initial_belief
-from smsid.estimation.kalman import _input_covariance
+from smsid.estimation.kalman import input_covariance
 from smsid.estimation.measurements import SAME_MOMENT
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
@@ -97,7 +97,7 @@ class Tracker:
         covariance[-m:, -m:] = start.covariance / np.outer(scales, scales)
         timing, unknown = CommandTiming(setting.hold), setting.unknown_inputs
         problem = Problem(_NOTHING, layout, locked, timing, setting.noise, unknown_inputs=unknown)
-        noise, home = _input_covariance(model, problem), model.home.copy()
+        noise, home = input_covariance(model, problem), model.home.copy()
         self.filter = ParameterFilter(
             self.origin, start.followed, layout, locked, unknown, timing, noise, -np.inf, home,
             np.zeros(model.nv), np.zeros(k), start.mean.copy(), covariance,

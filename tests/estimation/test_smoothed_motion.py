@@ -9,10 +9,11 @@ import pinocchio as pin
 import pytest
 
 from smsid.effects import SensorScale
+from smsid.estimation import kalman, smoothed_motion, walks_by_gain
 from smsid.estimation import normal_equations as equations
-from smsid.estimation import smoothed_motion
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.kalman import KalmanFilter
+from smsid.estimation.loosening import loosen_model
 from smsid.estimation.normal_equations import normal_equations, objective_of, problem_at
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.retraction import retract
@@ -128,12 +129,19 @@ def test_along_filtered_states_slopes_lack_a_part(followed, monkeypatch):
     assert np.abs(off).max() > 0.2
 
 
-def test_a_model_that_may_err_is_compared_beside_what_was_read_of_wheels(followed):
-    """Its errors go with what they move: that is no minimum along which slopes are exact."""
-    flight = followed[-1]
-    noise = replace(flight.problem.noise, accelerations=((3, 1e-4),))
-    loose = replace(flight.problem, noise=noise)
-    assert loose.profiled and not loose.at_likeliest_motion
+@pytest.mark.parametrize(("share", "lacking"), [(0.01, 0.04), (0.1, 0.2)])
+def test_slopes_of_a_model_that_may_err_are_those_of_the_objective(followed, share, lacking, monkeypatch):
+    """Of a heavier craft larger forces make the same errors: without that, inertias' slopes lack a part."""
+    point, unknowns, flight = followed
+    loose = replace(flight, problem=loosen_model(flight.model, flight.problem, share))
+    assert loose.problem.at_likeliest_motion
+    off, slope = slope_errors(point, unknowns, loose)
+    assert np.abs(slope).max() > 1.0
+    assert np.abs(off).max() < 0.035
+    held = problem_at(point, loose)
+    variance = kalman.input_covariance(point.model(), held)
+    monkeypatch.setattr(walks_by_gain, "input_covariance", lambda model, problem: variance)
+    assert np.abs(slope_errors(point, unknowns, loose)[0]).max() > lacking
 
 
 def test_a_scale_that_nothing_tells_costs_nothing(tmp_path, monkeypatch):
