@@ -52,6 +52,7 @@ from smsid.estimation.joint_problem import (
     with_timing_of,
 )
 from smsid.estimation.measurements import measurements_of
+from smsid.estimation.moving_start import with_likely_start, with_start_of
 from smsid.estimation.parameter_vector import JointPrior, Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.identify.estimate import Estimate
@@ -165,6 +166,10 @@ def _diagnose(
             return replace(before, failed=(*before.failed, note))
 
     problem = with_likely_timing(point, looked_at(faults), now=False)
+    begun = with_likely_start(point, problem)
+    if begun.moves:
+        read = with_start_of(read, begun)
+        problem = with_likely_timing(point, looked_at(faults), now=False)
     count = len(problem.data.times)
     fewer = f"{count} of {len(whole.times)} samples looked at" if count < len(whole.times) else ""
     candidates = propose(point, problem, known.unknowns)

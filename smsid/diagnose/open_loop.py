@@ -13,9 +13,10 @@ from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.joint_problem import at_point
-from smsid.estimation.kalman import KalmanFilter, run_filter
+from smsid.estimation.kalman import KalmanFilter, run_filter, with_moves
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.measurements import Measurements
+from smsid.estimation.moving_start import smoothed_start
 from smsid.estimation.problem import Belief, Problem, ProcessNoise, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -38,9 +39,10 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
     """
     data = problem.data
     prior = initial_belief(model, data, problem.locked, InitialPrior(hidden=problem.noise.hidden))
+    prior = Belief(*with_moves(problem.moves, model, prior.q, prior.v), prior.covariance)
     weight = np.linalg.pinv(prior.covariance, hermitian=True)
     closed, alone = closed or run_filter(model, problem), _Alone(model, problem)
-    at = _smoothed_start(model, problem, closed)
+    at = smoothed_start(model, problem, closed)
     used, best = closed.used, replace(alone.simulated(at), used=closed.used)
     by_start, exact = _by_start(closed, model.nv), False
     level = _levels(data, best)
@@ -76,20 +78,6 @@ def open_loop(model: SpacecraftModel, problem: Problem, closed: FilterRun | None
         level = _levels(data, best)
         cost = _squared_errors(best, level)
     return best
-
-
-def _smoothed_start(model: SpacecraftModel, problem: Problem, closed: FilterRun) -> Belief:
-    """Return the state at the first sample given all of them, by Bryson and Frazier's costate."""
-    slope: np.ndarray = np.zeros(closed.gain.shape[1])
-    for k in range(len(closed.innovations) - 1, -1, -1):
-        if k < len(closed.transition):
-            slope = closed.transition[k].T @ slope
-        told = closed.gain[k].T @ slope + closed.whitening[k].T @ closed.innovations[k]
-        slope = slope - closed.sensitivity[k].T @ told
-    start = KalmanFilter(model, problem)
-    step = -(start.covariance @ slope)
-    q, v = closed.states.q[0], closed.states.v[0] + step[model.nv : 2 * model.nv]
-    return Belief(pin.integrate(model.pin, q, step[: model.nv]), v, start.covariance)
 
 
 class _Alone:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -15,7 +16,14 @@ from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs, log_determinants, log_likelihoods
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_hold import VARYING, limits, means, starts_with_jump, unevenness
-from smsid.estimation.problem import Belief, Problem, recordings_of, unknown_forces, unknown_sigmas
+from smsid.estimation.problem import (
+    Belief,
+    MovingStart,
+    Problem,
+    recordings_of,
+    unknown_forces,
+    unknown_sigmas,
+)
 from smsid.estimation.process_model import ProcessModel, inverse_inertias
 from smsid.inputs.signals import Signal
 from smsid.kernel.filter_arrays import Samples, State
@@ -173,8 +181,10 @@ def _readable(problem: Problem) -> np.ndarray:
 
 
 def first_state(model: SpacecraftModel, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return a first q (nq,) and v (nv,) from the first samples: what is measured, the rest at rest."""
-    q, v = model.home.copy(), np.zeros(model.nv)
+    """Return a first q (nq,) and v (nv,) from the first samples: what is measured, the rest at rest or as the
+    problem says that it moves.
+    """
+    q, v = with_moves(problem.moves, model, model.home, np.zeros(model.nv))
     data, pose = problem.data, None
     for block in data.blocks:
         first = data.values[0, block.rows]
@@ -199,6 +209,24 @@ def first_state(model: SpacecraftModel, problem: Problem) -> tuple[np.ndarray, n
     return pin.normalize(model.pin, q), v
 
 
+def with_moves(
+    moves: Sequence[MovingStart], model: SpacecraftModel, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return q (nq,) and v (nv,) with hidden coordinates where they begin, of joints that the model has."""
+    q, v = q.copy(), v.copy()
+    for joint, at, rate in moves:
+        if model.pin.existJointName(joint):
+            own = model.pin.joints[model.pin.getJointId(joint)]
+            q[own.idx_q], v[own.idx_v] = at, rate
+    return q, v
+
+
+def hidden_coordinates(model: SpacecraftModel) -> np.ndarray:
+    """Return the indices in v (k,) of slosh, modes and whatever else effects add."""
+    known = (np.arange(6 if model.free else 0), model.arm_joints.v, model.wheels.v)
+    return np.setdiff1d(np.arange(model.nv), np.concatenate(known))
+
+
 def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
     nv = model.nv
     sigma = np.ones(2 * nv)
@@ -206,14 +234,13 @@ def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
         sigma[0:3], sigma[3:6], sigma[nv : nv + 3], sigma[nv + 3 : nv + 6] = 0.1, 0.01, 0.05, 0.005
     sigma[model.arm_joints.v], sigma[nv + model.arm_joints.v] = 0.01, 0.01
     sigma[model.wheels.v], sigma[nv + model.wheels.v] = 1e-3, 1.0
-    known = (np.arange(6 if model.free else 0), model.arm_joints.v, model.wheels.v)
     wide, bus = InitialPrior(), slice(nv + 3, nv + 6 if model.free else nv + 3)
     rates = {"angular_rate": (bus, wide.rate), "joint_velocity": (nv + model.arm_joints.v, wide.joint_rate),
              "wheel_rate": (nv + model.wheels.v, wide.wheel_rate)}  # fmt: skip
     for b in problem.data.blocks:
         if b.quantity in rates and not np.isfinite(problem.data.values[0, b.rows]).all():
             sigma[rates[b.quantity][0]] = rates[b.quantity][1]  # at rest for want of a reading
-    index = np.setdiff1d(np.arange(nv), np.concatenate(known))  # slosh, modes, and whatever else effects add
+    index = hidden_coordinates(model)
     sigma[index], sigma[nv + index] = problem.noise.hidden
     sigma[problem.locked], sigma[nv + problem.locked] = 1e-3, 1e-9
     return np.diag(sigma**2)

@@ -113,6 +113,16 @@ def unknown_sigmas(inputs: Sequence[UnknownInput]) -> np.ndarray:
     return np.array([u.sigma for u in inputs] + [u.slope for u in inputs if u.slope])
 
 
+class MovingStart(NamedTuple):
+    """A hidden coordinate, by its ``joint``, that is not at rest as a recording begins: where it is about
+    ``at`` [m or as the mode has it], and its ``rate``.
+    """
+
+    joint: str
+    at: float
+    rate: float
+
+
 @dataclass(frozen=True)
 class RecordingPart:
     """One of the recordings of a problem of several: what of it is its own.
@@ -128,6 +138,7 @@ class RecordingPart:
     timing: CommandTiming
     first: int
     shift: float = 0.0
+    moves: tuple[MovingStart, ...] = ()
     blocks: tuple[ChannelSlice, ...] = ()
     model: SpacecraftModel | None = None
 
@@ -142,7 +153,8 @@ class Problem:
     are the recordings, where there are several (`joint_problem`): ``recording`` and ``timing`` are then the
     first's. ``coloured``: noise levels count what the model cannot follow, whose spectrum is no noise's.
     ``averaged``: parameters are compared in the mean over all torques, even where they may be `profiled`.
-    ``of_all_readings``: where they are, likelihoods are of all readings (`at_likeliest_motion`).
+    ``of_all_readings``: where they are, likelihoods are of all readings (`at_likeliest_motion`). ``moves`` is
+    where hidden coordinates begin that nothing else is known of (`smsid.estimation.moving_start`).
     """
 
     recording: Recording
@@ -159,6 +171,7 @@ class Problem:
     coloured: bool = False
     averaged: bool = False
     of_all_readings: bool = False
+    moves: tuple[MovingStart, ...] = ()
 
     @property
     def given(self) -> np.ndarray:
@@ -214,7 +227,13 @@ def recordings_of(problem: Problem) -> tuple[Problem, ...]:
         own = replace(own, blocks=part.blocks or own.blocks)
         out.append(
             replace(
-                problem, recording=part.recording, data=own, locked=part.locked, timing=part.timing, parts=()
+                problem,
+                recording=part.recording,
+                data=own,
+                locked=part.locked,
+                timing=part.timing,
+                moves=part.moves,
+                parts=(),
             )
         )
     return tuple(out)

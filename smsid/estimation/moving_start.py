@@ -1,0 +1,82 @@
+"""Whether slosh and panels rest or move as a recording begins: no sensor says so, its likelihood does."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from smsid.errors import SimulationError
+from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.initial_state import InitialPrior
+from smsid.estimation.input_timing import CLEAR_GAIN, compared_likelihoods
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.kalman import KalmanFilter, hidden_coordinates, run_filter
+from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Belief, MovingStart, Problem, ProcessNoise, recordings_of
+from smsid.model.spacecraft import SpacecraftModel
+
+LOGGER = logging.getLogger(__name__)
+LOOKS = 2  # at how it begins, each from where the one before has it
+
+
+def with_likely_start(point: Point, problem: Problem) -> Problem:
+    """Return a problem whose hidden states begin at rest, or anyhow where that is clearly likelier.
+
+    Anyhow is as wide as `identify` has it, about where all readings put the start: a filter that begins far
+    off does not know by how much its derivatives mislead it. A recording that begins at rest tells more if
+    that is known.
+    """
+    rests = _begun(problem, ProcessNoise().hidden, [()] * max(1, len(problem.parts)))
+    ways = {"at rest": rests}
+    try:
+        ways["moving"] = _moving(point, problem)
+    except SimulationError as error:
+        LOGGER.info("not moving: %s", error)
+    _, likely = compared_likelihoods(point.model(), {k: at_point(point, p) for k, p in ways.items()})
+    moves = "moving" in likely and likely["moving"] > likely.get("at rest", -np.inf) + CLEAR_GAIN
+    return ways["moving" if moves else "at rest"]
+
+
+def with_start_of(problem: Problem, other: Problem) -> Problem:
+    """Return a problem whose recordings begin as in another of the same."""
+    return _begun(problem, other.noise.hidden, [p.moves for p in other.parts] or [other.moves])
+
+
+def _moving(point: Point, problem: Problem) -> Problem:
+    wide = InitialPrior().hidden
+    out = _begun(problem, wide, [()] * max(1, len(problem.parts)))
+    for _ in range(LOOKS):
+        read = at_point(point, out)
+        models = [p.model or point.model() for p in read.parts] or [point.model()]
+        each = zip(models, recordings_of(read), strict=True)
+        out = _begun(problem, wide, [_moves_of(m, smoothed_start(m, p, run_filter(m, p))) for m, p in each])
+    return out
+
+
+def _begun(problem: Problem, hidden: tuple[float, float], moves: list[tuple[MovingStart, ...]]) -> Problem:
+    """Return a problem whose recordings begin so."""
+    parts = tuple(replace(p, moves=m) for p, m in zip(problem.parts, moves, strict=False))
+    return replace(problem, noise=replace(problem.noise, hidden=hidden), moves=moves[0], parts=parts)
+
+
+def _moves_of(model: SpacecraftModel, start: Belief) -> tuple[MovingStart, ...]:
+    hidden = {*hidden_coordinates(model).tolist()}
+    own = ((n, j) for n, j in zip(model.pin.names, model.pin.joints, strict=True) if j.idx_v in hidden)
+    return tuple(MovingStart(n, float(start.q[j.idx_q]), float(start.v[j.idx_v])) for n, j in own)
+
+
+def smoothed_start(model: SpacecraftModel, problem: Problem, closed: FilterRun) -> Belief:
+    """Return the state at the first sample given all of them, by Bryson and Frazier's costate."""
+    slope: np.ndarray = np.zeros(closed.gain.shape[1])
+    for k in range(len(closed.innovations) - 1, -1, -1):
+        if k < len(closed.transition):
+            slope = closed.transition[k].T @ slope
+        told = closed.gain[k].T @ slope + closed.whitening[k].T @ closed.innovations[k]
+        slope = slope - closed.sensitivity[k].T @ told
+    start = KalmanFilter(model, problem)
+    step = -(start.covariance @ slope)
+    q, v = closed.states.q[0], closed.states.v[0] + step[model.nv : 2 * model.nv]
+    return Belief(pin.integrate(model.pin, q, step[: model.nv]), v, start.covariance)
