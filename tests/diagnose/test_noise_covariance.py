@@ -108,7 +108,9 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("what", list(FAULTS))
+@pytest.mark.parametrize(
+    "what", [pytest.param(x, marks=[pytest.mark.slow] if "first sample" in x else []) for x in FAULTS]
+)
 def test_a_sensor_far_off_is_no_misfit_of_the_model(known, problem, what):
     """The parameters are those of the others, and its own channel alone bears it."""
     name, error = FAULTS[what]

@@ -19,7 +19,7 @@ def described(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def flown():
-    return recorded(TRUTH, TRUTH.fly(90.0, burns_and_wheels), np.random.default_rng(3))
+    return recorded(TRUTH, TRUTH.fly(90.0, burns_and_wheels), np.random.default_rng(3), every=10)
 
 
 def test_a_recording_as_it_is_has_none(described, flown):
