@@ -24,7 +24,7 @@ BIASED = SensorBias(name="off", sensor="encoder", quantity="joint_velocity", com
 def flown(description):
     def fly_it(seed, *effects):
         model = build_model(description.with_effects(*effects))
-        plan = named_experiment("exp2", model).model_copy(update={"duration": 4.0})
+        plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": 4.0})
         return fly(model, plan, np.random.default_rng(seed)).recording.with_name(f"flight{seed}")
 
     return fly_it

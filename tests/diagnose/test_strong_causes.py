@@ -23,7 +23,7 @@ def test_a_strong_force_from_outside_needs_no_stated_size(description, known, wh
     """A torque of 2.5 N m that turned a craft over ended as the recording of another spacecraft."""
     effects = (*description.effect, ExternalWrench(name="outside", **{what: pushes}))
     pushed = build_model(description.model_copy(update={"effect": effects}))
-    plan = named_experiment("exp2", pushed).model_copy(update={"duration": 5.0})
+    plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": 5.0})
     recording = fly(pushed, plan, np.random.default_rng(2)).recording
     data = measurements_of(known.point.base, recording, known.point.description.effective_sensors()).thinned(
         25.0

@@ -81,7 +81,7 @@ def test_its_records_zoom_in_a_browser(identified, tmp_path):
 def test_a_search_shows_candidates_aliases_spectra_and_innovations(urdf, origin):
     described = load_description(urdf / "paper_sms.toml")
     world = build_model(described.with_effects(JointFriction(name="seal", joint="joint2", viscous=0.5)))
-    plan = named_experiment("exp2", world).model_copy(update={"duration": 6.0})
+    plan = named_experiment("exp2", build_model(described)).model_copy(update={"duration": 6.0})
     recording = fly(world, plan, np.random.default_rng(3)).recording
     known = nominal(described, None)
     data = measurements_of(known.point.base, recording, described.effective_sensors()).thinned(6.0)

@@ -223,7 +223,7 @@ def test_a_tracker_whose_commands_depend_on_a_parameter_is_restored_exactly(
 ):
     """Also while its beginning may still be filtered again: what was commanded is asked again."""
     samples = list(samples_of(flown(truth, before)))
-    follow = dict.fromkeys(("bus.I*", "thrust.gain.*"), 0.0)
+    follow = dict.fromkeys(("bus.Ixx", "thrust.gain.x"), 0.0)
     plain = Tracker(description, follow=follow, cad=0.2)
     setting = Setting.of(plain.description, plain.origin.base, hold="linear")
     whole, first = (Tracker(description, follow=follow, cad=0.2, setting=setting) for _ in range(2))
