@@ -17,7 +17,7 @@ from .test_change_time_posterior import begun
 KEY = ("joint_friction", "joint1", "viscous")
 
 
-@pytest.mark.parametrize("size", [pytest.param(0.4, marks=pytest.mark.slow), 0.15])
+@pytest.mark.parametrize("size", [0.4, 0.15])
 def test_other_times_explain_what_refits_there_do(description, known, problem, size):
     _, late, k, _ = begun(known, problem, KEY, size)
     model = build_model(description.model_copy(update={"effect": (*description.effect, late)}))
