@@ -126,8 +126,8 @@ def test_real_arms_are_shown_by_their_torques(origin):
         bare, log = datasets.tx40()
     except Exception as error:
         pytest.skip(f"no recording of a real arm: {error}")
-    train = log.window(0.0, 5.9999).with_role("estimation").with_name("train")
-    held = log.window(6.0, 9.0).with_role("validation").with_name("held")
+    train = log.window(0.0, 2.9999).with_role("estimation").with_name("train")
+    held = log.window(6.0, 7.5).with_role("validation").with_name("held")
     friction = with_joint_effects(
         bare, log.labels["joint"], "joint_friction", "motor_inertia", "torque_offset"
     )
