@@ -88,7 +88,11 @@ def inside(estimate: Estimate | None, least: set[str]) -> None:
         (outliers, "imu.acceleration left out"),
         (of(REST, not_finite(*HOLE)), "of imu.acceleration bridged"),
         pytest.param(of(REST, missing(*HOLE)), "of imu.acceleration bridged", marks=pytest.mark.slow),
-        (late("panel"), "clocks that do not agree with the rest, estimated too: panel"),
+        pytest.param(
+            late("panel"),
+            "clocks that do not agree with the rest, estimated too: panel",
+            marks=pytest.mark.slow,  # as `encoder`'s in Exp. 2, below
+        ),
     ],
     ids=["outliers", "not finite", "missing", "clock"],
 )
@@ -142,6 +146,7 @@ def test_an_axis_without_thrust(identify, method: str):
         inside(estimate, {"total.mass", "tank.mass", "tank.stiffness.x"})
 
 
+@pytest.mark.slow  # as `tests/identify/test_stationary_joints.py` has it without the command
 def test_a_joint_that_stands_still(identify):
     locked = twin.noisy(twin.exp2(40.0, (("joint3", 1e12),)), 0, biased=False)
     code, text, estimate = identify(locked, method="paper")

@@ -22,7 +22,9 @@ SLOW = (  # what they do is also done by what runs with the ordinary tests:
     "02_mount_any_arm",  # `tests/description/test_robots.py`
     "03_control",  # `tests/control`
     "04_design_an_experiment",  # `tests/design`
+    "07_campaign",  # `tests/campaign`
     "09_name_the_cause",  # `tests/cli/test_demo_verdict.py`
+    "10_real_arm",  # `tests/arm`
     "11_laboratory_tests",  # `tests/lab`
     "12_follow_telemetry",  # `tests/tracking/test_stream_command.py`
 )

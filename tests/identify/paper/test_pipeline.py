@@ -245,6 +245,7 @@ def assert_covered(found: Identification, groups: tuple[str, ...], least: int) -
             assert abs(p.value - p.nominal) < 4 * p.sigma, p
 
 
+@pytest.mark.slow  # `test_exp1.py` flies without a tank, too
 def test_without_slosh():
     d = without(paper(), "tank")
     found = identify(d, flown(d, exp1="z"))
