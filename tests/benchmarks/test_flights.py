@@ -17,8 +17,8 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
         ("held by wheels, tank and panel", [0]),  # the search came to a halt far off in twelve of nineteen
         # torques of wheels that follow their measured motion were too smooth: 1.6 to 2.6 of the freedom
         ("gyro and wheels", range(6)),
-        ("gyro, star tracker, wheels", range(6)),
-        ("thrust, held by wheels", range(6)),
+        pytest.param("gyro, star tracker, wheels", range(6), marks=pytest.mark.slow),
+        pytest.param("thrust, held by wheels", range(6), marks=pytest.mark.slow),
     ],
 )
 def test_what_is_found_is_as_far_off_as_it_says(kind, seeds, monkeypatch):

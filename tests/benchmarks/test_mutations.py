@@ -33,6 +33,14 @@ def test_a_mutation_is_another_decision_and_no_name_that_is_not_there(mutation):
     assert names <= {*keyword.kwlist, *dir(builtins)}
 
 
+@pytest.mark.parametrize("test", sorted({test for m in MUTATIONS for test in m.tests}))
+def test_nothing_that_ought_to_notice_one_is_slow(test):
+    """Mutations are planted for the ordinary tests: what is marked slow would notice none."""
+    file = ROOT / test.partition("::")[0]
+    for path in file.rglob("*.py") if file.is_dir() else [file]:
+        assert "mark.slow" not in path.read_text(encoding="utf-8"), path
+
+
 def names_in(text: str) -> set[str]:
     """Return the names in a piece of Python, which need not be whole."""
     found = set()

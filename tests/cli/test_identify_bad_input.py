@@ -87,8 +87,12 @@ def inside(estimate: Estimate | None, least: set[str]) -> None:
     [
         (outliers, "imu.acceleration left out"),
         (of(REST, not_finite(*HOLE)), "of imu.acceleration bridged"),
-        (of(REST, missing(*HOLE)), "of imu.acceleration bridged"),
-        (late("panel"), "clocks that do not agree with the rest, estimated too: panel"),
+        pytest.param(of(REST, missing(*HOLE)), "of imu.acceleration bridged", marks=pytest.mark.slow),
+        pytest.param(
+            late("panel"),
+            "clocks that do not agree with the rest, estimated too: panel",
+            marks=pytest.mark.slow,  # as `encoder`'s in Exp. 2, below
+        ),
     ],
     ids=["outliers", "not finite", "missing", "clock"],
 )
@@ -104,7 +108,9 @@ def test_exp1_is_inside_its_intervals(identify, change: Change, said: str):
     ("change", "said"),
     [
         (outliers, "tachometer.wheel_rate bridged"),
-        (of(REST, not_finite(*HOLE)), "of encoder.joint_position bridged"),
+        pytest.param(
+            of(REST, not_finite(*HOLE)), "of encoder.joint_position bridged", marks=pytest.mark.slow
+        ),
         (saturated("imu.angular_rate"), "imu.angular_rate left out"),
         (late("encoder"), "encoder.clock_offset is 0.03 +-"),
     ],
@@ -140,6 +146,7 @@ def test_an_axis_without_thrust(identify, method: str):
         inside(estimate, {"total.mass", "tank.mass", "tank.stiffness.x"})
 
 
+@pytest.mark.slow  # as `tests/identify/test_stationary_joints.py` has it without the command
 def test_a_joint_that_stands_still(identify):
     locked = twin.noisy(twin.exp2(40.0, (("joint3", 1e12),)), 0, biased=False)
     code, text, estimate = identify(locked, method="paper")
@@ -201,7 +208,7 @@ def test_a_search_without_rest_names_columns(identify, monkeypatch):
         raise NotIdentifiableError("No rest.", advice="Give priors.")
 
     monkeypatch.setattr("smsid.estimation.identify._batch", restless)
-    code, text, _ = identify(changed(exp2().window(0.0, 10.0), of(JOINTS, turned(1))))
+    code, text, _ = identify(changed(exp2().window(0.0, 5.0), of(JOINTS, turned(1))))
     assert code == 1
     assert re.search(r"No rest\. in 'exp2' 'joint2' seems to have the other sign: .* Give priors\.", text)
 
@@ -221,7 +228,11 @@ def test_what_is_scaled_is_told_from_two_experiments(identify, which: str):
     assert not [p for p in estimate.parameters if p.status == "identifiable"]
 
 
-@pytest.mark.parametrize("more", [(), ("--modal", "printed")], ids=["smoother", "printed"])
+@pytest.mark.parametrize(
+    "more",
+    [(), pytest.param(("--modal", "printed"), marks=pytest.mark.slow)],
+    ids=["smoother", "printed"],
+)
 @pytest.mark.parametrize("how", ["labelled rightly", "labelled wrongly"])
 def test_joints_in_another_order_by_the_papers_method(identify, how: str, more: Sequence[str]):
     straight = exp2()

@@ -56,7 +56,7 @@ def test_a_diagnosis_that_succeeds_leaves_its_report(verdict, seconds, urdf, est
     described = load_description(urdf / "paper_sms.toml")
     seal = JointFriction(name="seal", joint="joint2", viscous=VISCOUS)
     model = build_model(described if verdict == "adequate" else described.with_effects(seal))
-    plan = named_experiment("exp2", model).model_copy(update={"duration": seconds})
+    plan = named_experiment("exp2", build_model(described)).model_copy(update={"duration": seconds})
     recording, report = tmp_path / "exp2.nc", tmp_path / "report.html"
     save_recording(fly(model, plan, np.random.default_rng(3)).recording, recording)
     words = ["diagnose", urdf / "paper_sms.toml", recording, "--estimate", estimate, "--json"]

@@ -68,7 +68,9 @@ def paper(folder: Path) -> None:
     (folder / "paper_sms.toml").rename(folder / "craft.toml")
 
 
-@pytest.fixture(scope="module", params=[paper, panda], ids=["paper", "panda"])
+@pytest.fixture(
+    scope="module", params=[paper, pytest.param(panda, marks=pytest.mark.slow)], ids=["paper", "panda"]
+)
 def flown(request, tmp_path_factory) -> tuple[Path, dict[str, Called]]:
     """A folder with what the commands write of a craft, and what they printed."""
     folder = tmp_path_factory.mktemp("made")

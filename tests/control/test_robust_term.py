@@ -202,7 +202,7 @@ def test_the_crossover_is_where_the_bound_on_the_error_is_least():
     assert all(b.crossover > narrow.integral for b in term.blocks)
 
 
-@pytest.mark.parametrize("pair", [(4.0, 4.0), (0.64, 1.6), (0.01, 0.2)])
+@pytest.mark.parametrize("pair", [(4.0, 4.0), pytest.param((0.64, 1.6), marks=pytest.mark.slow), (0.01, 0.2)])
 def test_better_sensors_never_promise_less(pair):
     """Down to noise that no sensor has: a design exists, its norm is met, its bound does not rise."""
     bounds = []

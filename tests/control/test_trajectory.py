@@ -79,7 +79,7 @@ def test_minimum_jerk_has_less_jerk_than_neighbours():
     np.testing.assert_allclose(numeric[2:-2], jerk[2:-2], atol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["zv", "zvd", "ei"])
+@pytest.mark.parametrize("kind", [pytest.param("zv", marks=pytest.mark.slow), "zvd", "ei"])
 def test_a_shaped_trapezoid_leaves_its_mode_at_rest(kind):
     """An oscillator driven by the acceleration, integrated exactly between the breaks of the command."""
     f, zeta = 0.065, 0.005

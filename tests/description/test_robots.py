@@ -38,8 +38,13 @@ def bus_with(robot: str, frame: str | None = "left_base", **arm) -> Description:
     return Description(name=robot, urdf="bus.urdf", folder=ROOT / "urdf", arm=(mounted,))
 
 
+SLOW = ("tiago_pro", "talos_full_v2", "talos_reduced")  # many joints, of kinds that the others have, too
+
+
 @needs_robots
-@pytest.mark.parametrize("robot", example.ROBOTS)
+@pytest.mark.parametrize(
+    "robot", [pytest.param(r, marks=[pytest.mark.slow] if r in SLOW else []) for r in example.ROBOTS]
+)
 def test_momentum_and_energy_close_in_free_floating(robot):
     model = example.mount(robot)
     torque = example.random_torques(model, np.random.default_rng(1))

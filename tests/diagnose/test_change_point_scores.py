@@ -21,7 +21,7 @@ KEY = ("joint_friction", "joint1", "viscous")
 def test_other_times_explain_what_refits_there_do(description, known, problem, size):
     _, late, k, _ = begun(known, problem, KEY, size)
     model = build_model(description.model_copy(update={"effect": (*description.effect, late)}))
-    plan = named_experiment("exp2", model).model_copy(update={"duration": 6.0})
+    plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": 6.0})
     recording = fly(model, plan, np.random.default_rng(5)).recording
     data = measurements_of(known.point.base, recording, description.effective_sensors())
     first = begun(known, replace(problem, recording=recording, data=data), KEY, size)[0]

@@ -34,7 +34,7 @@ def friction(coulomb):
 
 
 def paired(known, truth, kinds):
-    plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
+    plan = named_experiment("exp2", known.point.model()).model_copy(update={"duration": 6.0})
     recording = fly(build_model(truth), plan, np.random.default_rng(3)).recording
     data = measurements_of(known.point.base, recording, known.point.description.effective_sensors()).thinned(
         25.0
@@ -125,7 +125,7 @@ def leaking(description, known):
         MassLoss(kind="mass_loss", name="leak", frame="bus", position=PLACE, rate=2.0),
         JointFriction(kind="joint_friction", name="rub", joint="joint2", coulomb=0.01),
     )
-    plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": 6.0})
+    plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": 6.0})
     recording = fly(build_model(truth), plan, np.random.default_rng(3)).recording
     data = measurements_of(known.point.base, recording, known.point.description.effective_sensors()).thinned(
         25.0

@@ -21,7 +21,7 @@ def test_a_law_is_named(description, shape):
     kind, fields = HIDDEN[shape]
     effect = catalogue()[kind].model_validate({"kind": kind, "name": "hidden", **fields})
     model = build_model(description.with_effects(effect))
-    plan = named_experiment("exp2", model).model_copy(update={"duration": 8.0})
+    plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": 8.0})
     recording = fly(model, plan, np.random.default_rng(1)).recording
     found = diagnose(description, [recording]).diagnosis
     assert found.verdict == "explained", found.sentence

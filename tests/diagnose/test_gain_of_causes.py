@@ -18,7 +18,7 @@ WHOLE = sys.modules["smsid.diagnose.diagnose"]  # its function has the same name
 def flights(description):
     """A flight to be searched and one that is held out, with a joint that drags."""
     model = build_model(description.with_effects(JointFriction(name="seal", joint="joint2", viscous=2.0)))
-    plan = named_experiment("exp2", model).model_copy(update={"duration": 4.0})
+    plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": 4.0})
     return [fly(model, plan, np.random.default_rng(seed)).recording for seed in (1, 2)]
 
 

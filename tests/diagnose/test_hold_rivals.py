@@ -49,8 +49,8 @@ def flown(folder, held, *hidden, stated=lambda description: description, seed=1,
     ("held", "hidden", "named"),
     [
         (True, [WEAK], {"thruster_gain_a.gain": -0.1}),  # a tachometer that is late by 0.0505 s beside it
-        (True, [late(0.03)], {"actuator_delay_rw1.delay": 0.03}),
-        (False, [late(0.03)], {"actuator_delay_rw1.delay": 0.03}),
+        pytest.param(True, [late(0.03)], {"actuator_delay_rw1.delay": 0.03}, marks=pytest.mark.slow),
+        pytest.param(False, [late(0.03)], {"actuator_delay_rw1.delay": 0.03}, marks=pytest.mark.slow),
         (False, [late(PERIOD / 2)], {"actuator_delay_rw1.delay": PERIOD / 2}),  # of one wheel alone
     ],
 )

@@ -40,7 +40,7 @@ def rubbed(description, known, friction, duration=6.0):
     truth = description.with_effects(
         JointFriction(kind="joint_friction", name="rub", joint="joint2", **friction)
     )
-    plan = named_experiment("exp2", build_model(truth)).model_copy(update={"duration": duration})
+    plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": duration})
     recording = fly(build_model(truth), plan, np.random.default_rng(3)).recording
     data = measurements_of(known.point.base, recording, known.point.description.effective_sensors()).thinned(
         25.0

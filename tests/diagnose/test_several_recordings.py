@@ -24,7 +24,7 @@ def flown(description):
     def fly_it(viscous, seed):
         seal = JointFriction(name="seal", joint="joint2", viscous=viscous)
         model = build_model(description.with_effects(seal))
-        plan = named_experiment("exp2", model).model_copy(update={"duration": 4.0})
+        plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": 4.0})
         return fly(model, plan, np.random.default_rng(seed)).recording
 
     return fly_it

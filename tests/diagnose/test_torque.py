@@ -44,7 +44,7 @@ def told(case: Case, estimate, *, size: float = 1.0, seed: int = 6) -> Diagnosis
     return diagnose(described(), [case.make(size, seed)], estimate=known).diagnosis
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("known", [False, True])
 def test_nothing_hidden_is_adequate(seed, known, estimate):
     found = diagnose(described(), [recorded(seed=seed)], estimate=estimate if known else None).diagnosis
@@ -52,7 +52,17 @@ def test_nothing_hidden_is_adequate(seed, known, estimate):
     assert found.causes == () and found.remaining == ()
 
 
-@pytest.mark.parametrize("name", [n for n, c in CASES.items() if c.effect is not None])
+SLOW = ("viscous", "cable", "position", "drag", "cubic drag")  # columns by the same way as the others
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else [])
+        for n, c in CASES.items()
+        if c.effect is not None
+    ],
+)
 def test_what_is_hidden_is_named(name, estimate):
     case = CASES[name]
     found = told(case, estimate)

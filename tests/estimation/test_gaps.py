@@ -35,7 +35,13 @@ def full(described, whole):
     return identify_flights(described, [whole], cad=0.2).estimate
 
 
-@pytest.mark.parametrize("gaps", [((15.0, 24.0),), ((9.0, 14.0), (20.0, 25.0), (31.0, 36.0))])
+@pytest.mark.parametrize(
+    "gaps",
+    [
+        pytest.param(((15.0, 24.0),), marks=pytest.mark.slow),
+        ((9.0, 14.0), (20.0, 25.0), (31.0, 36.0)),
+    ],
+)
 def test_what_wheels_did_in_a_gap_teaches_nothing(described, whole, full, gaps):
     """Carried on as it was before 5 s of it, their torque put inertias 8 sigma off, "explained and white"."""
     found = identify_flights(described, [cut(whole, gaps)], cad=0.2)

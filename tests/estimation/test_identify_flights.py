@@ -44,7 +44,7 @@ def deviations(found, truth):
 @pytest.fixture(scope="module")
 def flown():
     truth = Satellite()
-    return truth, truth.fly(120.0, burns_and_wheels)
+    return truth, truth.fly(90.0, burns_and_wheels)
 
 
 @pytest.fixture(scope="module")
@@ -162,21 +162,21 @@ def test_a_wheel_at_a_constant_speed_does_not_stand_still(tmp_path):
 def test_flights_of_two_spacecraft_are_said_to_contradict_each_other(tmp_path):
     other = replace(RIGID, inertia=((84.0, 1.0, 0.0), (1.0, 95.0, -2.0), (0.0, -2.0, 70.0)))
     recordings = [
-        recorded(truth, truth.fly(40.0, wheels_alone), np.random.default_rng(k), name=name)
+        recorded(truth, truth.fly(20.0, wheels_alone), np.random.default_rng(k), name=name)
         for k, (name, truth) in enumerate((("one", RIGID), ("two", other)))
     ]
     description = guess(tmp_path, RIGID, tank=False, panel=False)
     found = identify_flights(description, recordings)
     assert {c.recording for c in found.contradictions} == {"one", "two"}
     assert any("bus.Ixx" in p[0] or "bus.Icxx" in p[0] for p in found.contradictions[0].parameters)
-    same = [recordings[0], recorded(RIGID, RIGID.fly(40.0, wheels_alone), np.random.default_rng(8), name="b")]
+    same = [recordings[0], recorded(RIGID, RIGID.fly(20.0, wheels_alone), np.random.default_rng(8), name="b")]
     assert not identify_flights(description, same).contradictions
 
 
 def test_flights_that_no_spacecraft_flies_contradict_each_other_where_the_search_cannot_rest(tmp_path):
     inertia = tuple(tuple(4.0 * x for x in row) for row in RIGID.inertia)
     recordings = [
-        recorded(truth, truth.fly(40.0, wheels_alone), np.random.default_rng(k), name=name)
+        recorded(truth, truth.fly(20.0, wheels_alone), np.random.default_rng(k), name=name)
         for k, (name, truth) in enumerate((("one", RIGID), ("two", replace(RIGID, inertia=inertia))))
     ]
     with pytest.raises(NotIdentifiableError, match=r"contradicts.* against .*sigma") as refused:
@@ -205,7 +205,7 @@ def test_a_bias_that_is_listed_is_estimated_once(tmp_path):
 
 
 def test_a_wheel_that_is_wired_the_wrong_way_round_is_not_explained(tmp_path):
-    flight = RIGID.fly(40.0, wheels_alone)
+    flight = RIGID.fly(20.0, wheels_alone)
     recording = recorded(RIGID, flight, np.random.default_rng(7), without=("command.wheel_torque",))
     moved = {c: recording[c] for c in recording.channels}
     moved["tacho.wheel_rate"] = moved["tacho.wheel_rate"] * np.array([1.0, -1.0, 1.0])

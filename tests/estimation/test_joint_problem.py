@@ -41,9 +41,12 @@ def described():
 def flown(described):
     """Thrust with the arm held, then torques of the arm: not the same commands, nor the same length."""
     model = build_model(described)
+    usual = build_model(
+        load_description(urdf_folder() / "paper_sms.toml")
+    )  # its search is shared by all tests
     out = []
     for name, seconds, seed in (("exp1", 3.0, 3), ("exp2", 2.0, 4)):
-        plan = named_experiment(name, model).model_copy(update={"duration": seconds})
+        plan = named_experiment(name, usual).model_copy(update={"duration": seconds})
         out.append(fly(model, plan, np.random.default_rng(seed)).recording)
     return [out[0].without("command.joint_torque"), out[1]]
 

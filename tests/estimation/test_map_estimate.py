@@ -140,7 +140,7 @@ def test_a_bent_valley_is_followed_to_its_end(known, problem):
     true = true.model_copy(update={"stribeck_exponent": 0.8})
     point = known.point.with_effect(true)
     model = point.model()
-    plan = named_experiment("exp2", model).model_copy(update={"duration": 12.0})
+    plan = named_experiment("exp2", known.point.model()).model_copy(update={"duration": 12.0})
     recording = fly(model, plan, np.random.default_rng(5)).recording
     here = replace(problem, recording=recording, data=measurements_of(model, recording, point.sensors()))
     free = [

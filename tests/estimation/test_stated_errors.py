@@ -92,20 +92,21 @@ CASES = {
 }
 
 
+@pytest.mark.parametrize("seeds", [[0], pytest.param([1, 2], marks=pytest.mark.slow)], ids=["one", "more"])
 @pytest.mark.parametrize("case", CASES)
-def test_an_error_that_is_stated_is_explained_and_intervals_hold(case, flown, tmp_path):
-    """Chi square of some ten parameters, three times; all were wrong or widened before."""
+def test_an_error_that_is_stated_is_explained_and_intervals_hold(case, seeds, flown, tmp_path):
+    """Chi square of some ten parameters; all were wrong or widened before."""
     channel, terms = CASES[case]
     description = stated(tmp_path, **{channel.replace(".", "__"): terms})
     squares, count = 0.0, 0
-    for seed in range(3):
+    for seed in seeds:
         found = identify_flights(description, [spoilt(flown, seed, channel, ErrorModel(**terms))])
         assert found.quality.judgement == "explained"
         assert found.quality.widening == 1.0
         z = np.array(list(deviations(found).values()))
         assert len(z) >= 9
         squares, count = squares + float(z @ z), count + len(z)
-    assert squares / count < 2.5  # of about 30 that go together
+    assert squares / count < 2.5  # of 10 or 20 that go together
 
 
 def test_a_walk_is_the_same_in_compiled_and_in_plain_code(flown, tmp_path, monkeypatch):
@@ -253,7 +254,8 @@ def test_a_tracker_reads_nothing_that_is_stuck(flown, tmp_path):
 def test_each_station_has_axes_of_its_own():
     """Accelerometers along a panel, each turned by itself: what is left is noise."""
     terms = {"misalignment_sigma": 0.03}
-    description = paper()
+    whole = paper()  # its tank would cost a search of its own and tells nothing of the stations
+    description = whole.model_copy(update={"effect": (whole.get_effect("panel"),)})
     sensors = [s.model_copy(update={"rate": 20.0}) for s in description.effective_sensors()]
     sensors = [
         s.model_copy(update={"errors": {"acceleration": s.error("acceleration").model_copy(update=terms)}})
@@ -263,17 +265,17 @@ def test_each_station_has_axes_of_its_own():
     ]
     description = description.with_sensors(*sensors)
     model = build_model(description)
-    clock = np.arange(201) / 20.0
+    clock = np.arange(101) / 20.0
     pushed = np.column_stack([20.0 * np.sign(np.sin(w * clock + 0.1)) for w in (0.7, 0.9, 1.3)])
     turned = np.column_stack([0.5 * np.sin(w * clock) for w in (0.5, 0.8, 1.1)])
     inputs = {"force": pushed, "wheel_torque": turned}
     held = {n: Sampled.from_samples(clock, x, degree=0) for n, x in inputs.items()}
-    motion = simulate(model, Inputs(**held), 10.0)
+    motion = simulate(model, Inputs(**held), 5.0)
     recording = observe(
         truth_of(motion, sensors),
         sensors,
         start=0.0,
-        stop=10.0,
+        stop=5.0,
         rng=np.random.default_rng(0),
         exact=["command.force", "command.wheel_torque"],
         labels={"wheel": model.wheels.names, "joint": model.arm_joints.names},

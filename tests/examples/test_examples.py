@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import runpy
 import subprocess
 import sys
 from importlib import metadata
@@ -15,6 +17,17 @@ SCRIPTS = sorted(FOLDER.glob("*.py"))
 PICTURES = (".png", ".svg", ".html")
 LINES = 120
 FEW = {"02_mount_any_arm": ["ur5", "tiago_no_hand", "talos_left_arm"]}  # of all robots: `tests/description`
+SLOW = (  # what they do is also done by what runs with the ordinary tests:
+    "01_paper_end_to_end",  # README
+    "02_mount_any_arm",  # `tests/description/test_robots.py`
+    "03_control",  # `tests/control`
+    "04_design_an_experiment",  # `tests/design`
+    "07_campaign",  # `tests/campaign`
+    "09_name_the_cause",  # `tests/cli/test_demo_verdict.py`
+    "10_real_arm",  # `tests/arm`
+    "11_laboratory_tests",  # `tests/lab`
+    "12_follow_telemetry",  # `tests/tracking/test_stream_command.py`
+)
 
 
 def test_the_numbers_are_complete() -> None:
@@ -27,7 +40,20 @@ def test_the_example_is_short(script: Path) -> None:
     assert len(script.read_text(encoding="utf-8").splitlines()) < LINES
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+def test_the_slow_ones_are_examples() -> None:
+    assert set(SLOW) <= {path.stem for path in SCRIPTS}
+
+
+@pytest.mark.parametrize("script", [p for p in SCRIPTS if p.stem in SLOW], ids=lambda p: p.stem)
+def test_a_slow_example_finds_what_it_imports_and_takes_a_folder(script: Path) -> None:
+    main = runpy.run_path(str(script), run_name="example")["main"]
+    assert next(iter(inspect.signature(main).parameters)) == "folder"
+
+
+@pytest.mark.parametrize(
+    "script",
+    [pytest.param(p, id=p.stem, marks=[pytest.mark.slow] if p.stem in SLOW else []) for p in SCRIPTS],
+)
 def test_the_example_runs_and_leaves_a_picture(script: Path, tmp_path: Path) -> None:
     text = script.read_text(encoding="utf-8")
     if "SMSID_DATA" in text and not os.environ.get("SMSID_DATA"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+SLOW = ("2_name_the_cause",)  # `tests/cli/test_demo_verdict.py` asks the same of the command
 pytest.importorskip("IPython", reason="IPython (of smsid[view]) runs the notebooks")
 pytest.importorskip("matplotlib", reason="notebooks draw with smsid[plot]")
 
@@ -25,6 +27,21 @@ def test_there_are_three() -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
+def test_the_notebook_finds_what_it_imports(path: Path) -> None:
+    from IPython.core.inputtransformer2 import TransformerManager
+
+    names: dict[str, object] = {}
+    for cell in code(path):
+        for statement in ast.parse(TransformerManager().transform_cell(cell)).body:
+            if isinstance(statement, (ast.Import, ast.ImportFrom)):
+                exec(compile(ast.Module([statement], []), path.name, "exec"), names)
+    assert any("smsid" in str(value) for value in names.values())
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, id=p.stem, marks=[pytest.mark.slow] if p.stem in SLOW else []) for p in NOTEBOOKS],
+)
 def test_the_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from IPython.core.interactiveshell import InteractiveShell
     from IPython.utils.capture import capture_output

@@ -19,6 +19,7 @@ finally:
 
 SEED = 7
 PER_KIND = 6
+FEWER = {"samples": 3}  # each follows a stream for seconds
 NUMBERS = range(PER_KIND * len(_fuzz.KINDS))
 
 
@@ -26,7 +27,8 @@ NUMBERS = range(PER_KIND * len(_fuzz.KINDS))
 def test_mutated_inputs_give_no_traceback_and_nothing_unsound(kind, tmp_path, monkeypatch, capsys):
     first = _fuzz.KINDS.index(kind)
     seen: Counter[int] = Counter()
-    for number in NUMBERS[first :: len(_fuzz.KINDS)]:
+    count = FEWER.get(kind, PER_KIND)
+    for number in NUMBERS[first :: len(_fuzz.KINDS)][:count]:
         folder = tmp_path / str(number)
         folder.mkdir()
         case = _fuzz.case(SEED, number, folder)
@@ -45,7 +47,7 @@ def test_mutated_inputs_give_no_traceback_and_nothing_unsound(kind, tmp_path, mo
         told = capsys.readouterr()
         assert not _fuzz.judge(code, told.out, told.err, folder), (case, told.err[-600:])
         seen[code] += 1
-    assert sum(seen.values()) == PER_KIND
+    assert sum(seen.values()) == count
 
 
 def test_the_same_numbers_give_the_same_input(tmp_path):

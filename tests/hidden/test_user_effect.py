@@ -75,7 +75,7 @@ def test_user_effect_is_identified(cable_drag, tmp_path):
         replace(
             flight,
             description=flight.description.with_effects(known),
-            recording=flight.recording.window(0.0, 15.0),
+            recording=flight.recording.window(0.0, 8.0),
         )
     )
     assert found.quality.judgement == "explained"

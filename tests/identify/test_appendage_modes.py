@@ -137,7 +137,7 @@ def test_refusals():
 
 
 @oracle
-@pytest.mark.parametrize("name", ["exp1_z_modal3", "exp1_xyz_modal3"])
+@pytest.mark.parametrize("name", [pytest.param("exp1_z_modal3", marks=pytest.mark.slow), "exp1_xyz_modal3"])
 def test_paper_frequencies_from_mujoco_recordings(name):
     """With noise of 1e-4 m/s^2 each clamped frequency is within 0.1 %, and there is no false mode."""
     data = np.load(Path(ORACLE) / f"{name}.npz")

@@ -56,7 +56,7 @@ def test_single_samples_cost_exp1_nothing(exp1: Recording, change):
     assert any("bridged" in note for note in estimate.notes)
 
 
-@pytest.mark.parametrize("change", [outliers, single_holes])
+@pytest.mark.parametrize("change", [outliers, pytest.param(single_holes, marks=pytest.mark.slow)])
 def test_single_samples_cost_exp2_nothing(exp2: Recording, change):
     def seen(recording: Recording) -> dict[str, ParameterEstimate]:
         found = identify(twin.description(), [recording]).estimate.group("exp2.step_b")

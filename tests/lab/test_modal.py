@@ -75,7 +75,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert np.all(np.sum(inside, axis=0) >= binom.ppf(0.002, len(inside), 0.95))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_a_harmonic_of_a_machine_is_flagged_and_not_reported_as_a_mode(seed):
     y = structure(((4.0, 0.02, [1.0, 0.2, 0.5]),), sine=8.0, seed=seed)
     found = ambient_modes(y, RATE, highest_frequency=11.0)

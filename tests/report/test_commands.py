@@ -81,7 +81,7 @@ def test_its_records_zoom_in_a_browser(identified, tmp_path):
 def test_a_search_shows_candidates_aliases_spectra_and_innovations(urdf, origin):
     described = load_description(urdf / "paper_sms.toml")
     world = build_model(described.with_effects(JointFriction(name="seal", joint="joint2", viscous=0.5)))
-    plan = named_experiment("exp2", world).model_copy(update={"duration": 6.0})
+    plan = named_experiment("exp2", build_model(described)).model_copy(update={"duration": 6.0})
     recording = fly(world, plan, np.random.default_rng(3)).recording
     known = nominal(described, None)
     data = measurements_of(known.point.base, recording, described.effective_sensors()).thinned(6.0)
@@ -126,8 +126,8 @@ def test_real_arms_are_shown_by_their_torques(origin):
         bare, log = datasets.tx40()
     except Exception as error:
         pytest.skip(f"no recording of a real arm: {error}")
-    train = log.window(0.0, 5.9999).with_role("estimation").with_name("train")
-    held = log.window(6.0, 9.0).with_role("validation").with_name("held")
+    train = log.window(0.0, 2.9999).with_role("estimation").with_name("train")
+    held = log.window(6.0, 7.5).with_role("validation").with_name("held")
     friction = with_joint_effects(
         bare, log.labels["joint"], "joint_friction", "motor_inertia", "torque_offset"
     )

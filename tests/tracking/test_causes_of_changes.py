@@ -152,7 +152,12 @@ CAUSES = {
 }  # fmt: skip
 
 
-SLOW = ("released",)  # what is grasped, the other way round
+SLOW = (
+    "released",  # what is grasped, the other way round
+    "grasped",  # `test_a_body_several_times_as_heavy_as_the_craft_is_measured`, and `test_change_detection`
+    "drifting gyro",  # a gyro that jumps: `test_change_detection`
+    "dragging wheel",  # a parameter that acts by the motion, as the soft panel's
+)
 
 
 @pytest.mark.parametrize(
@@ -218,7 +223,7 @@ def test_a_tracker_whose_commands_depend_on_a_parameter_is_restored_exactly(
 ):
     """Also while its beginning may still be filtered again: what was commanded is asked again."""
     samples = list(samples_of(flown(truth, before)))
-    follow = dict.fromkeys(("bus.I*", "thrust.gain.*"), 0.0)
+    follow = dict.fromkeys(("bus.Ixx", "thrust.gain.x"), 0.0)
     plain = Tracker(description, follow=follow, cad=0.2)
     setting = Setting.of(plain.description, plain.origin.base, hold="linear")
     whole, first = (Tracker(description, follow=follow, cad=0.2, setting=setting) for _ in range(2))

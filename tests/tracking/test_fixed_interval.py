@@ -81,7 +81,7 @@ def test_the_truth_is_inside(constant):
     assert np.sqrt(np.mean(off**2)) < 1.8
 
 
-@pytest.mark.parametrize("rate", [1e-4, 3e-3])
+@pytest.mark.parametrize("rate", [pytest.param(1e-4, marks=pytest.mark.slow), 3e-3])
 def test_a_bias_that_wanders_is_inside_and_known_better_than_on_line(tmp_path, rate):
     """Random walks added to a gyro's readings: normalised errors have variance one, later readings tell.
 

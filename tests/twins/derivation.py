@@ -16,9 +16,14 @@ For the slosh this is (12) with the printed term: -dT/d rho = omega x dT/d rho_d
 from __future__ import annotations
 
 import cmath
+import hashlib
+import inspect
 import math
+import os
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import sympy as sp
 
@@ -186,11 +191,30 @@ def panel(variant: str) -> Energies:
 
 @cache
 def compile_part(part: str, axes: tuple[str, ...] = ()) -> Callable[..., tuple]:
-    """Differentiate one part's energies and return f(u, s, parameters) -> (T + V, P, M, c, D).
+    """Return f(u, s, parameters) -> (T + V, P, M, c, D) of one part, derived once for all processes of a run.
 
     `part` is "base", "wheels", "slosh", "link<i>" or "panel:<variant>"; `axes` are the arm's joint axes.
     P (18,), M (18, 18), c (18,) are nested lists of floats; D = 2 F is the power lost [W].
     """
+    folder = os.environ.get("SMSID_CACHE")
+    if not folder:
+        return _differentiated(part, axes)
+    written = Path(__file__).read_bytes() + sp.__version__.encode()
+    digest = hashlib.sha256(written + repr((part, axes)).encode()).hexdigest()
+    file = Path(folder) / "twins" / f"{digest[:24]}.py"
+    if not file.is_file():
+        text = inspect.getsource(_differentiated(part, axes))
+        file.parent.mkdir(parents=True, exist_ok=True)
+        whole = file.with_suffix(f".{os.getpid()}")
+        whole.write_text(text, encoding="utf-8")
+        whole.replace(file)
+    names: dict[str, Any] = {**vars(math), "cos": _cos, "sin": _sin}
+    exec(compile(file.read_text(encoding="utf-8"), str(file), "exec"), names)
+    return names["_lambdifygenerated"]
+
+
+def _differentiated(part: str, axes: tuple[str, ...]) -> Callable[..., tuple]:
+    """Differentiate one part's energies."""
     if part.startswith("link"):
         kinetic, potential, dissipation, parameters = link(int(part[4:]), axes)
     elif part.startswith("panel:"):

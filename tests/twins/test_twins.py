@@ -170,6 +170,9 @@ def test_mujoco_against_recording(name: str, oracle: Path):
     """
     with np.load(oracle / f"{name}.npz") as archive:
         recording = {key: archive[key].astype(float) for key in archive.files}
+    if name.startswith("exp1"):  # all inputs of its one axis: a push, the other way round, none
+        shown = recording["t"] < 45.0
+        recording = {key: x[shown] for key, x in recording.items()}
     # at 100 Hz: half as long steps of RK4 change nothing by more than 1e-8
     twin, t = MujocoTwin(), recording["t"]
     if name.startswith("exp1"):

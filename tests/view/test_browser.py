@@ -119,7 +119,7 @@ def test_narrow_window_shows_the_whole_spacecraft(page, tmp_path):
     assert drawn.any() and not drawn[:, :4].any() and not drawn[:, -4:].any()
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("dark", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_dark_scheme_is_honoured(page, tmp_path, dark):
     html, _ = page
     script = SHOOT + "return {theme: document.body.className, shot: shoot()};"

@@ -18,7 +18,7 @@ from .conftest import URDF
 
 
 @needs_chromium
-@pytest.mark.parametrize("ending", ["gif", "mp4"])
+@pytest.mark.parametrize("ending", [pytest.param("gif", marks=pytest.mark.slow), "mp4"])
 def test_a_film_has_its_pictures_in_its_size(model, trajectory, tmp_path, ending):
     imageio = pytest.importorskip("imageio").v2
     pytest.importorskip("imageio_ffmpeg")

@@ -245,6 +245,7 @@ def assert_covered(found: Identification, groups: tuple[str, ...], least: int) -
             assert abs(p.value - p.nominal) < 4 * p.sigma, p
 
 
+@pytest.mark.slow  # `test_exp1.py` flies without a tank, too
 def test_without_slosh():
     d = without(paper(), "tank")
     found = identify(d, flown(d, exp1="z"))
@@ -283,7 +284,7 @@ def test_two_arms():
         assert found.estimate[f"{arm}/link3.mx"].relative_error(50.0) < 0.02
 
 
-@pytest.mark.parametrize("axes", ["x", "z"])
+@pytest.mark.parametrize("axes", [pytest.param("x", marks=pytest.mark.slow), "z"])
 def test_two_tanks_and_two_panels_in_exp1(axes: str):
     """Two tanks of nearly one frequency (ill-conditioned, 3e5): M and density are identified, tanks hardly.
 
