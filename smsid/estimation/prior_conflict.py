@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 SIGNIFICANCE = 1e-4  # probability below which recordings contradict the prior
 NAMED_SIGMAS = 3.5  # standard deviations of its prior by which a parameter that is named is off
 MOST_NAMED = 5  # parameters at most
+# information of the data, in units of the prior's, above which a direction is asked about: with less, where a
+# search has ended (within 0.3 of a standard deviation) would be taken for a conflict
+ASKED = 0.1
 
 
 @dataclass(frozen=True)
@@ -74,11 +77,11 @@ def conflict_of(
 
     All in standard deviations of the priors. Along a direction of which the data's information is L, the
     likelihood is largest at ``off (1 + 1 / L)``, whose variance about the prior's mean is ``1 + 1 / L``:
-    squares of both are chi-squared, over the directions that the data tell more of than the prior. Beside
+    squares of both are chi-squared, over the directions of which the data tell something (`ASKED`). Beside
     that of all directions there is the test of one, ``heavier`` (m,): all that goes with mass grows together.
     """
     size, basis = np.linalg.eigh(0.5 * (information + information.T))
-    told = size > 1.0
+    told = size > ASKED
     if not told.any():
         return None
     wider = 1.0 + 1.0 / size[told]

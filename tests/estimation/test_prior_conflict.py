@@ -63,6 +63,13 @@ def test_what_nothing_tells_is_no_conflict():
     assert conflict_of(np.array([50.0]), np.array([[1e-3]]), ["a"]) is None
 
 
+def test_a_prior_that_tells_more_than_the_recordings_is_contradicted_by_them_all_the_same():
+    """A tank stated 10 % too heavy within 0.1 kg, of which the data say a little less: 20 sigma, unseen."""
+    conflict = conflict_of(np.array([-20.2]), np.array([[0.6]]), ["tank.mass"])
+    assert conflict is not None and conflict.parameters == (("tank.mass", -20.2),)
+    assert conflict_of(np.array([-1.0]), np.array([[0.6]]), ["tank.mass"]) is None
+
+
 def test_an_inertia_that_is_stated_wrong_is_named_and_nothing_is_called_identifiable(tmp_path):
     """Stated at 100 kg m^2 within 0.2, while all that flies says 80."""
 
