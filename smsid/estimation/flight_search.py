@@ -22,6 +22,7 @@ from smsid.estimation.inertial_combinations import reported_parameters
 from smsid.estimation.likeliest_torques import are_told_by_torques, with_likeliest_motion, with_mean_torques
 from smsid.estimation.loosening import FIRST_SHARE, SHARE_RATIO, likeliest_share, loosen_model, thin_flight
 from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
+from smsid.estimation.moving_start import with_moving_start
 from smsid.estimation.normal_equations import NormalEquations, objective_of
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.restart import guess_sigma, likeliest_of_restarts
@@ -52,6 +53,7 @@ def search_flights(
     if several and share > ASTRAY_ERROR:
         several = False
         _refuse_contradicting(described, unknowns, flights, tell)
+    near = [with_moving_start(point, f, share) for f in near]
     try:
         return _at_rest(point, unknowns, near, tell)
     except NotIdentifiableError:

@@ -1,4 +1,9 @@
-"""Whether slosh and panels rest or move as a recording begins: no sensor says so, its likelihood does."""
+"""Whether slosh and panels rest or move as a recording begins: no sensor says so, its likelihood does.
+
+A window of a flight may begin with a tank that is a metre off its place. A prior of some decimetres about
+rest would bend masses and springs until less of that is needed, and a filter that begins so far off does not
+know by how much its derivatives mislead it.
+"""
 
 from __future__ import annotations
 
@@ -10,24 +15,29 @@ import pinocchio as pin
 
 from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_timing import CLEAR_GAIN, compared_likelihoods
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import KalmanFilter, hidden_coordinates, run_filter
+from smsid.estimation.loosening import loosen_model
+from smsid.estimation.normal_equations import problem_at
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Belief, MovingStart, Problem, ProcessNoise, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
 LOOKS = 2  # at how it begins, each from where the one before has it
+FAR = 3.0  # standard deviations of what is known of the start, beyond which that is wrong
+STATED = 1e-4  # standard deviation below which somebody has said that it rests
+FIRST_SAMPLES = 2000  # of a flight, which tell how it begins
 
 
 def with_likely_start(point: Point, problem: Problem) -> Problem:
     """Return a problem whose hidden states begin at rest, or anyhow where that is clearly likelier.
 
-    Anyhow is as wide as `identify` has it, about where all readings put the start: a filter that begins far
-    off does not know by how much its derivatives mislead it. A recording that begins at rest tells more if
-    that is known.
+    Anyhow is as wide as `identify` has it, about where all readings put the start. A recording that begins at
+    rest tells more if that is known.
     """
     rests = _begun(problem, ProcessNoise().hidden, [()] * max(1, len(problem.parts)))
     ways = {"at rest": rests}
@@ -38,6 +48,36 @@ def with_likely_start(point: Point, problem: Problem) -> Problem:
     _, likely = compared_likelihoods(point.model(), {k: at_point(point, p) for k, p in ways.items()})
     moves = "moving" in likely and likely["moving"] > likely.get("at rest", -np.inf) + CLEAR_GAIN
     return ways["moving" if moves else "at rest"]
+
+
+def with_moving_start(point: Point, flight: Flight, share: float) -> Flight:
+    """Return a flight that begins about where its first minutes put slosh and panels, where that is far from
+    what is known of it; itself elsewhere. The model errs by a ``share`` of what drives it.
+    """
+    begin, nv = flight.problem.begin, flight.model.nv
+    hidden = np.setdiff1d(hidden_coordinates(flight.model), flight.problem.locked)
+    if begin is None or not len(hidden):
+        return flight
+    sigma = np.sqrt(begin.covariance.diagonal())[np.concatenate([hidden, nv + hidden])]
+    some = replace(flight.problem, data=flight.problem.data.first(FIRST_SAMPLES))
+    some = loosen_model(flight.model, some, share) if share else some
+    model, away = point.for_recording(flight.label).model(), np.zeros((2, nv))
+    for look in range(LOOKS):
+        own = replace(some, begin=_displaced(model, begin, away))
+        problem = problem_at(point, replace(flight, problem=own))
+        start = smoothed_start(model, problem, run_filter(model, problem))
+        away[0, hidden] = pin.difference(model.pin, begin.q, start.q)[hidden]
+        away[1, hidden] = (start.v - begin.v)[hidden]
+        if look == 0 and (sigma.min() < STATED or np.abs(away[:, hidden].ravel() / sigma).max() < FAR):
+            return flight
+    note = "slosh and panels move as it begins, further than was taken for known: it is begun where they are"
+    problem = replace(flight.problem, begin=_displaced(model, begin, away))
+    return replace(flight, problem=problem, notes=(*flight.notes, note))
+
+
+def _displaced(model: SpacecraftModel, begin: Belief, away: np.ndarray) -> Belief:
+    """Return a belief moved by changes (2, nv) of q and of v."""
+    return replace(begin, q=pin.integrate(model.pin, begin.q, away[0]), v=begin.v + away[1])
 
 
 def with_start_of(problem: Problem, other: Problem) -> Problem:
