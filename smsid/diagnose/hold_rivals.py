@@ -14,12 +14,15 @@ import numpy as np
 from smsid.diagnose.exchange_step import without_cause
 from smsid.diagnose.stepwise import Search
 from smsid.errors import SmsidError
-from smsid.estimation.input_timing import timings
+from smsid.estimation.innovations import normalised_rmse
+from smsid.estimation.input_timing import CLEAR_GAIN, timings
 from smsid.estimation.joint_problem import with_likely_timing
-from smsid.estimation.map_estimate import fit
+from smsid.estimation.map_estimate import MapFit, fit
 from smsid.estimation.problem import CommandTiming, Problem, recordings_of
 
 LOGGER = logging.getLogger(__name__)
+LEFT_RATIO = 1.1  # times its noise that a last fit leaves, above which it may have bent to another way
+STEPS = 2  # of a fit with commands as in another way, which tell whether that explains more
 
 
 def as_inputs_act(found: Search) -> Problem:
@@ -28,13 +31,15 @@ def as_inputs_act(found: Search) -> Problem:
     Without a time offset, what is likeliest at the last fit counts, see `with_likely_timing`. One is believed
     only where the model without it, fitted again, explains clearly less with commands of every other way:
     what tells two causes apart, and what the offset costs in Bayes's criterion. It may have another size
-    beside another way.
+    beside another way. Where something is left, parameters may have bent to the way they were fitted with:
+    others are judged some steps on.
     """
     last, apart = found.last, found.levels.alias
     causes = (c.score.candidate for c in found.causes)
     late = [c for c in causes if c.effect is not None and c.effect.shifts_time]
     if not late:
-        return with_likely_timing(last.point, last.problem)
+        likely = with_likely_timing(last.point, last.problem)
+        return likely if normalised_rmse(last.run) < LEFT_RATIO else _refitted(last, likely)
     paid = apart + sum(len(c.free) for c in late) * float(np.log(found.samples))
     chosen, best = last.problem, 2.0 * last.objective + paid
     for choice in dict.fromkeys(t for p in recordings_of(last.problem) for t in timings(p.recording)):
@@ -52,6 +57,23 @@ def as_inputs_act(found: Search) -> Problem:
             if reached < best:
                 chosen, best = other, reached
     return chosen
+
+
+def _refitted(last: MapFit, likely: Problem) -> Problem:
+    """Return the problem of a fit with commands in the way that explains most some steps on: ``likely``, the
+    one that does so as it stands, unless another is clearly better.
+    """
+    ways = {t: _with_hold(last.problem, t) for p in recordings_of(last.problem) for t in timings(p.recording)}
+    reached: dict[CommandTiming, float] = {}
+    for choice, other in ways.items():
+        try:
+            reached[choice] = fit(last.point, last.unknowns, other, iterations=STEPS).objective
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("not %s: %s", choice, error)
+    LOGGER.info("refitted: %s", ", ".join(f"{t}: {x:.1f}" for t, x in reached.items()))
+    best = min(reached, key=lambda t: reached[t], default=likely.timing)
+    clear = reached.get(likely.timing, np.inf) - reached.get(best, np.inf) > CLEAR_GAIN
+    return ways[best] if clear else likely
 
 
 def _with_hold(problem: Problem, choice: CommandTiming) -> Problem:

@@ -25,7 +25,6 @@ from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
 
-GEOMETRY = ("length", "width", "thickness")  # taken as known, as in identification
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10
 """Standard deviations where neither an estimate nor the description states any: relative to the body's own
@@ -122,9 +121,9 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
         mode = f"{getattr(effect, 'appendage', '')}.mode{getattr(effect, 'mode', '')}"
         if mode in told_by_mode:  # frequencies are the appendage's own
             continue
-        for p in effect.parameters():
+        for p in effect.unknowns():  # as in identification
             scale = _size(effect, p)
-            if scale == 0.0 or p.name.rpartition(".")[2] in GEOMETRY:
+            if scale == 0.0:
                 continue
             add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
     if estimate is not None and known and not (sources["estimate"] or combinations):

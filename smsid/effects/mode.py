@@ -73,10 +73,15 @@ def mode_joints(
 def mode_joint(mode: Mode, rigid: pin.Inertia) -> ModeJoint:
     """Return joint, inertia in the joint frame, placement in the appendage axes, and scale ``delta / s``.
 
-    Raises `DescriptionError` for a mode that moves nothing.
+    Raises `DescriptionError` for a mode that moves nothing, or an appendage that cannot exist.
     """
     lt, lr = np.asarray(mode.translation), np.asarray(mode.rotation)
     size = np.linalg.norm(lt)
+    if rigid.mass <= 0.0 or rigid.inertia.trace() < 0.0:
+        raise DescriptionError(
+            f"An appendage of {rigid.mass:.6g} kg there has less inertia than a point mass would have.",
+            advice="Check its `mass`, `center_of_mass` and `inertia`, which is about the root.",
+        )
     lever = rigid.inertia.trace() ** 0.5 / rigid.mass**0.5
     if size * lever < 1e-9 * np.linalg.norm(lr) or size == 0.0:
         moment = np.linalg.norm(lr)

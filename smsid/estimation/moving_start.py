@@ -17,7 +17,7 @@ from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.input_timing import CLEAR_GAIN, compared_likelihoods
+from smsid.estimation.input_timing import CLEAR_GAIN, MISFIT_RATIO, compared_likelihoods
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import KalmanFilter, hidden_coordinates, run_filter
 from smsid.estimation.loosening import loosen_model
@@ -37,7 +37,7 @@ def with_likely_start(point: Point, problem: Problem) -> Problem:
     """Return a problem whose hidden states begin at rest, or anyhow where that is clearly likelier.
 
     Anyhow is as wide as `identify` has it, about where all readings put the start. A recording that begins at
-    rest tells more if that is known.
+    rest tells more if that is known, and one that is not followed either way tells nothing of how it begins.
     """
     rests = _begun(problem, ProcessNoise().hidden, [()] * max(1, len(problem.parts)))
     ways = {"at rest": rests}
@@ -45,9 +45,9 @@ def with_likely_start(point: Point, problem: Problem) -> Problem:
         ways["moving"] = _moving(point, problem)
     except SimulationError as error:
         LOGGER.info("not moving: %s", error)
-    _, likely = compared_likelihoods(point.model(), {k: at_point(point, p) for k, p in ways.items()})
+    left, likely = compared_likelihoods(point.model(), {k: at_point(point, p) for k, p in ways.items()})
     moves = "moving" in likely and likely["moving"] > likely.get("at rest", -np.inf) + CLEAR_GAIN
-    return ways["moving" if moves else "at rest"]
+    return ways["moving" if moves and left <= MISFIT_RATIO else "at rest"]
 
 
 def with_moving_start(point: Point, flight: Flight, share: float) -> Flight:

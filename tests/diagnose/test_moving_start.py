@@ -59,3 +59,10 @@ def test_a_flight_held_out_begins_in_its_own_way(known, whole, window):
     assert read_like(known.point, window, rests, 10.0)[1].noise.hidden == InitialPrior().hidden
     moves = as_problem(known, window, ProcessNoise(hidden=InitialPrior().hidden))
     assert read_like(known.point, whole, moves, 10.0)[1].noise.hidden == REST
+
+
+def test_what_is_not_followed_either_way_tells_nothing_of_it(known, window):
+    """A gyro that is off by a degree a second: the panel would begin bent by as much as that takes."""
+    rate = np.asarray(window["imu.angular_rate"]) + 0.02
+    off = as_problem(known, window.with_channels({"imu.angular_rate": rate}), ProcessNoise())
+    assert with_likely_start(known.point, off).noise.hidden == REST
