@@ -21,8 +21,8 @@ from smsid.estimation.map_estimate import MapFit, fit
 from smsid.estimation.problem import CommandTiming, Problem, recordings_of
 
 LOGGER = logging.getLogger(__name__)
-LEFT_RATIO = 1.1  # times its noise that a last fit leaves, above which it may have bent to another way
-STEPS = 2  # of a fit with commands as in another way, which tell whether that explains more
+LEFT_RATIO = 1.1  # times its noise that a last fit leaves, from which on other ways are fitted, too
+STEPS = 2  # of such a fit
 
 
 def as_inputs_act(found: Search) -> Problem:
@@ -63,17 +63,23 @@ def _refitted(last: MapFit, likely: Problem) -> Problem:
     """Return the problem of a fit with commands in the way that explains most some steps on: ``likely``, the
     one that does so as it stands, unless another is clearly better.
     """
-    ways = {t: _with_hold(last.problem, t) for p in recordings_of(last.problem) for t in timings(p.recording)}
-    reached: dict[CommandTiming, float] = {}
-    for choice, other in ways.items():
+    own = recordings_of(last.problem)
+    ways = [
+        likely,
+        *(_with_hold(last.problem, t) for t in dict.fromkeys(t for p in own for t in timings(p.recording))),
+    ]
+    if len(ways) < 3:  # the one there is
+        return likely
+    reached = np.full(len(ways), np.inf)
+    for k, other in enumerate(ways):
         try:
-            reached[choice] = fit(last.point, last.unknowns, other, iterations=STEPS).objective
+            reached[k] = fit(last.point, last.unknowns, other, iterations=STEPS).objective
         except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("not %s: %s", choice, error)
-    LOGGER.info("refitted: %s", ", ".join(f"{t}: {x:.1f}" for t, x in reached.items()))
-    best = min(reached, key=lambda t: reached[t], default=likely.timing)
-    clear = reached.get(likely.timing, np.inf) - reached.get(best, np.inf) > CLEAR_GAIN
-    return ways[best] if clear else likely
+            LOGGER.info("not %s: %s", other.timing, error)
+    LOGGER.info("refitted: %s", ", ".join(f"{p.timing}: {x:.1f}" for p, x in zip(ways, reached, strict=True)))
+    best = int(np.argmin(reached))
+    # what is left is no noise: gains are as many times larger as it is
+    return ways[best] if reached[0] - reached[best] > CLEAR_GAIN * normalised_rmse(last.run) ** 2 else likely
 
 
 def _with_hold(problem: Problem, choice: CommandTiming) -> Problem:

@@ -79,7 +79,7 @@ def mode_joint(mode: Mode, rigid: pin.Inertia) -> ModeJoint:
     size = np.linalg.norm(lt)
     if rigid.mass <= 0.0 or rigid.inertia.trace() < 0.0:
         raise DescriptionError(
-            f"An appendage of {rigid.mass:.6g} kg there has less inertia than a point mass would have.",
+            f"An appendage of {rigid.mass:.6g} kg with such a centre of mass and inertia cannot exist.",
             advice="Check its `mass`, `center_of_mass` and `inertia`, which is about the root.",
         )
     lever = rigid.inertia.trace() ** 0.5 / rigid.mass**0.5

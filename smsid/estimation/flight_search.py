@@ -170,7 +170,8 @@ def _refuse_contradicting(
             tell(f"'{label}' by itself")
         own = [f for f in flights if f.label == label]
         try:
-            point, near, _ = _approach(described, unknowns, own, tell)
+            point, near, share = _approach(described, unknowns, own, tell)
+            near = [with_moving_start(point, f, share) for f in near]
             found = maximise(point, unknowns, near, enough=NEAR_GAIN, tell=tell)[0]
         except SmsidError as error:
             LOGGER.info("'%s' by itself: %s", label, error)

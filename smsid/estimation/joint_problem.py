@@ -65,7 +65,7 @@ def joint_problem(problems: Sequence[Problem], placed: Sequence[PlacedRecording]
     data = joined_data([p.data for p in problems])
     ends = np.cumsum([0, *(len(p.data.times) for p in problems)])
     parts = tuple(
-        RecordingPart(x.label, p.recording, p.locked, p.timing, int(first), x.shift)
+        RecordingPart(x.label, p.recording, p.locked, p.timing, int(first), x.shift, p.moves)
         for x, p, first in zip(placed, problems, ends, strict=False)
     )
     held = set.intersection(*(set(p.locked.tolist()) for p in problems))

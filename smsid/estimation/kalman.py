@@ -217,7 +217,7 @@ def with_moves(
     for joint, at, rate in moves:
         if model.pin.existJointName(joint):
             own = model.pin.joints[model.pin.getJointId(joint)]
-            q[own.idx_q], v[own.idx_v] = at, rate
+            q[own.idx_q : own.idx_q + own.nq], v[own.idx_v : own.idx_v + own.nv] = at, rate
     return q, v
 
 

@@ -20,7 +20,7 @@ from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.input_timing import CLEAR_GAIN, MISFIT_RATIO, compared_likelihoods
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import KalmanFilter, hidden_coordinates, run_filter
-from smsid.estimation.loosening import loosen_model
+from smsid.estimation.loosening import loosen_model, thin_flight
 from smsid.estimation.normal_equations import problem_at
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Belief, MovingStart, Problem, ProcessNoise, recordings_of
@@ -29,47 +29,64 @@ from smsid.model.spacecraft import SpacecraftModel
 LOGGER = logging.getLogger(__name__)
 LOOKS = 2  # at how it begins, each from where the one before has it
 FAR = 3.0  # standard deviations of what is known of the start, beyond which that is wrong
-STATED = 1e-4  # standard deviation below which somebody has said that it rests
-FIRST_SAMPLES = 2000  # of a flight, which tell how it begins
+STATED = 1e-4  # standard deviation below which somebody has said that a coordinate rests
+FIRST_SAMPLES = 2000  # of a flight, which tell how it begins: of a thinned one, if that is enough
 
 
 def with_likely_start(point: Point, problem: Problem) -> Problem:
-    """Return a problem whose hidden states begin at rest, or anyhow where that is clearly likelier.
+    """Return a problem of a diagnosis whose hidden joints begin at rest, or in motion where that is likelier.
 
-    Anyhow is as wide as `identify` has it, about where all readings put the start. A recording that begins at
-    rest tells more if that is known, and one that is not followed either way tells nothing of how it begins.
+    In motion they begin about where all readings put them, with the standard deviations of `InitialPrior`. A
+    recording that begins at rest tells more if that is known, and one that is not followed either way tells
+    nothing of how it begins.
     """
     rests = _begun(problem, ProcessNoise().hidden, [()] * max(1, len(problem.parts)))
+    if not len(_moving_joints(point.model())):
+        return rests
     ways = {"at rest": rests}
     try:
-        ways["moving"] = _moving(point, problem)
+        ways["moving"] = _in_motion(point, problem)
     except SimulationError as error:
         LOGGER.info("not moving: %s", error)
     left, likely = compared_likelihoods(point.model(), {k: at_point(point, p) for k, p in ways.items()})
-    moves = "moving" in likely and likely["moving"] > likely.get("at rest", -np.inf) + CLEAR_GAIN
-    return ways["moving" if moves and left <= MISFIT_RATIO else "at rest"]
+    gained = likely.get("moving", -np.inf) > likely.get("at rest", -np.inf) + CLEAR_GAIN
+    return ways["moving" if gained and left <= MISFIT_RATIO else "at rest"]
 
 
 def with_moving_start(point: Point, flight: Flight, share: float) -> Flight:
-    """Return a flight that begins about where its first minutes put slosh and panels, where that is far from
-    what is known of it; itself elsewhere. The model errs by a ``share`` of what drives it.
+    """Return a flight of an identification that begins about where its first samples put slosh and panels,
+    where that is far from what is known of it and likelier; itself elsewhere. The model errs by a ``share``
+    of what drives it.
     """
     begin, nv = flight.problem.begin, flight.model.nv
-    hidden = np.setdiff1d(hidden_coordinates(flight.model), flight.problem.locked)
-    if begin is None or not len(hidden):
+    if begin is None:
         return flight
-    sigma = np.sqrt(begin.covariance.diagonal())[np.concatenate([hidden, nv + hidden])]
-    some = replace(flight.problem, data=flight.problem.data.first(FIRST_SAMPLES))
-    some = loosen_model(flight.model, some, share) if share else some
-    model, away = point.for_recording(flight.label).model(), np.zeros((2, nv))
-    for look in range(LOOKS):
-        own = replace(some, begin=_displaced(model, begin, away))
-        problem = problem_at(point, replace(flight, problem=own))
-        start = smoothed_start(model, problem, run_filter(model, problem))
-        away[0, hidden] = pin.difference(model.pin, begin.q, start.q)[hidden]
-        away[1, hidden] = (start.v - begin.v)[hidden]
-        if look == 0 and (sigma.min() < STATED or np.abs(away[:, hidden].ravel() / sigma).max() < FAR):
-            return flight
+    place, rate = np.sqrt(begin.covariance.diagonal()).reshape(2, nv)
+    hidden = np.setdiff1d(_moving_joints(flight.model), flight.problem.locked)
+    hidden = hidden[(place[hidden] >= STATED) & (rate[hidden] >= STATED)]
+    if not len(hidden):
+        return flight
+    loose = loosen_model(flight.model, flight.problem, share) if share else flight.problem
+    some = thin_flight(replace(flight, problem=loose))
+    some = replace(some, problem=replace(some.problem, data=some.problem.data.first(FIRST_SAMPLES)))
+    model, away, likely = point.for_recording(flight.label).model(), np.zeros((2, nv)), []
+    try:
+        for look in range(LOOKS + 1):
+            here = replace(some, problem=replace(some.problem, begin=_displaced(model, begin, away)))
+            run = run_filter(model, problem := problem_at(point, here))
+            likely.append(run.log_likelihood)
+            if look == LOOKS:
+                break
+            start = smoothed_start(model, problem, run)
+            away[0, hidden] = pin.difference(model.pin, begin.q, start.q)[hidden]
+            away[1, hidden] = (start.v - begin.v)[hidden]
+            if np.abs(away[:, hidden] / (place[hidden], rate[hidden])).max() < FAR and not look:
+                return flight
+    except SimulationError as error:
+        LOGGER.info("not begun elsewhere: %s", error)
+        return flight
+    if likely[-1] < likely[0] + CLEAR_GAIN:
+        return flight
     note = "slosh and panels move as it begins, further than was taken for known: it is begun where they are"
     problem = replace(flight.problem, begin=_displaced(model, begin, away))
     return replace(flight, problem=problem, notes=(*flight.notes, note))
@@ -80,12 +97,19 @@ def _displaced(model: SpacecraftModel, begin: Belief, away: np.ndarray) -> Belie
     return replace(begin, q=pin.integrate(model.pin, begin.q, away[0]), v=begin.v + away[1])
 
 
+def _moving_joints(model: SpacecraftModel) -> np.ndarray:
+    """Return the hidden coordinates (k,) that may move as a recording begins: no meters of what was used."""
+    meters = [n for e in model.description.effect for n in e.lasting_joints()]
+    own = (model.pin.joints[model.pin.getJointId(n)].idx_v for n in meters if model.pin.existJointName(n))
+    return np.setdiff1d(hidden_coordinates(model), list(own))
+
+
 def with_start_of(problem: Problem, other: Problem) -> Problem:
     """Return a problem whose recordings begin as in another of the same."""
     return _begun(problem, other.noise.hidden, [p.moves for p in other.parts] or [other.moves])
 
 
-def _moving(point: Point, problem: Problem) -> Problem:
+def _in_motion(point: Point, problem: Problem) -> Problem:
     wide = InitialPrior().hidden
     out = _begun(problem, wide, [()] * max(1, len(problem.parts)))
     for _ in range(LOOKS):
@@ -103,9 +127,12 @@ def _begun(problem: Problem, hidden: tuple[float, float], moves: list[tuple[Movi
 
 
 def _moves_of(model: SpacecraftModel, start: Belief) -> tuple[MovingStart, ...]:
-    hidden = {*hidden_coordinates(model).tolist()}
-    own = ((n, j) for n, j in zip(model.pin.names, model.pin.joints, strict=True) if j.idx_v in hidden)
-    return tuple(MovingStart(n, float(start.q[j.idx_q]), float(start.v[j.idx_v])) for n, j in own)
+    hidden, out = {*_moving_joints(model).tolist()}, []
+    for name, j in zip(model.pin.names, model.pin.joints, strict=True):
+        if j.idx_v in hidden:
+            at, rate = start.q[j.idx_q : j.idx_q + j.nq], start.v[j.idx_v : j.idx_v + j.nv]
+            out.append(MovingStart(name, tuple(at.tolist()), tuple(rate.tolist())))
+    return tuple(out)
 
 
 def smoothed_start(model: SpacecraftModel, problem: Problem, closed: FilterRun) -> Belief:

@@ -114,13 +114,13 @@ def unknown_sigmas(inputs: Sequence[UnknownInput]) -> np.ndarray:
 
 
 class MovingStart(NamedTuple):
-    """A hidden coordinate, by its ``joint``, that is not at rest as a recording begins: where it is about
-    ``at`` [m or as the mode has it], and its ``rate``.
+    """A hidden joint that is not at rest as a recording begins: where it is about, ``at`` (nq,) [m, or as the
+    mode has it], and its ``rate`` (nv,).
     """
 
     joint: str
-    at: float
-    rate: float
+    at: tuple[float, ...]
+    rate: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Problem:
     first's. ``coloured``: noise levels count what the model cannot follow, whose spectrum is no noise's.
     ``averaged``: parameters are compared in the mean over all torques, even where they may be `profiled`.
     ``of_all_readings``: where they are, likelihoods are of all readings (`at_likeliest_motion`). ``moves`` is
-    where hidden coordinates begin that nothing else is known of (`smsid.estimation.moving_start`).
+    where hidden joints begin (`smsid.estimation.moving_start`), unless ``begin`` says so.
     """
 
     recording: Recording

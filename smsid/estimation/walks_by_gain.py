@@ -38,8 +38,8 @@ def walks_as_read(problem: Problem) -> Problem:
 
 @dataclass(frozen=True)
 class WalkDerivatives:
-    """By which ``shares`` (m, k + d) of themselves walks change with parameters: forces, then rates of some,
-    and after these errors of inputs.
+    """By which ``shares`` (m, k + d) of themselves walks change with parameters, forces, then rates of some,
+    and after these the noise of inputs.
     """
 
     shares: np.ndarray
@@ -48,6 +48,7 @@ class WalkDerivatives:
     def of(cls, here: Point, unknowns: Sequence[Unknown], kalman: KalmanFilter) -> WalkDerivatives:
         """Return those at the point that a filter is of."""
         problem, erring = kalman.problem, erring_inputs(kalman)
+        errs = bool(problem.noise.accelerations)  # other noise is of forces, whatever the craft weighs
         inputs = problem.unknown_inputs
         sloped = [i for i, u in enumerate(inputs) if u.slope]
         walks = len(inputs) + len(sloped)
@@ -62,7 +63,7 @@ class WalkDerivatives:
                     moved = _gains(replace(problem, data=problem.data.with_blocks(sensors)))
                     own = (gains / moved - 1.0) / step
                     shares[i, :walks] = np.concatenate([own, own[sloped]])
-                if u.kind in ("inertial", "effect") and len(erring):
+                if u.kind in ("inertial", "effect") and errs:
                     model = here.moved([u], np.array([step])).model()
                     larger = input_covariance(model, problem)[erring] / kalman.input_noise[erring]
                     shares[i, walks:] = 0.5 * (larger - 1.0) / step

@@ -6,6 +6,7 @@ import pytest
 from smsid.diagnose import diagnose
 from smsid.diagnose.validation import read_like
 from smsid.estimation.initial_state import InitialPrior
+from smsid.estimation.kalman import first_state
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.moving_start import with_likely_start
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
@@ -45,6 +46,17 @@ def test_how_it_begins_is_told_whatever_was_taken_before(known, whole, window, h
     before = ProcessNoise(hidden=hidden)
     found = [with_likely_start(known.point, as_problem(known, r, before)) for r in (whole, window)]
     assert [p.noise.hidden for p in found] == [REST, InitialPrior().hidden]
+
+
+def test_every_component_is_begun_where_it_is(known, whole, window):
+    begun = with_likely_start(known.point, as_problem(known, window, ProcessNoise()))
+    model, first = known.point.model(), int(np.searchsorted(whole.time(), BEGIN))
+    q, v = first_state(model, begun)
+    tank = model.pin.joints[model.pin.getJointId("tank")]
+    assert (tank.nq, tank.nv) == (3, 3)
+    places = slice(tank.idx_q, tank.idx_q + 3), slice(tank.idx_v, tank.idx_v + 3)
+    np.testing.assert_allclose(q[places[0]], whole["truth.slosh_position"][first], atol=0.05)
+    np.testing.assert_allclose(v[places[1]], whole["truth.slosh_velocity"][first], atol=0.02)
 
 
 def test_a_window_of_a_flight_is_explained(description, window):
