@@ -51,7 +51,7 @@ def test_it_is_begun_where_it_is_unless_somebody_says_that_it_rests(tmp_path, sl
     point = Point.of(guess(tmp_path, TRUTH, off=0.0, panel=False))
     options = FlightOptions(initial=InitialPrior(at_rest=rests))
     flight = flight_of(point, sloshing, "flight", options)
-    moved = moving_start.with_moving_start(point, flight, 0.03)  # bodies are guesses
+    moved = moving_start.with_moving_start(point, flight, 0.3)  # bodies are guesses
     assert (moved is not flight) is begun
     if begun:
         hidden = moving_start.hidden_coordinates(flight.model)
