@@ -166,7 +166,7 @@ def _diagnose(
             return replace(before, failed=(*before.failed, note))
 
     problem = with_likely_timing(point, looked_at(faults), now=False)
-    begun = with_likely_start(point, problem)
+    begun = with_likely_start(point, problem, known.unknowns)
     if begun.moves:
         read = with_start_of(read, begun)
         problem = with_likely_timing(point, looked_at(faults), now=False)

@@ -8,6 +8,7 @@ know by how much its derivatives mislead it.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,40 +18,58 @@ from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.input_timing import CLEAR_GAIN, MISFIT_RATIO, compared_likelihoods
+from smsid.estimation.innovations import normalised_rmse
+from smsid.estimation.input_timing import CLEAR_GAIN, FOLLOWED_RATIO, MISFIT_RATIO
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import KalmanFilter, hidden_coordinates, run_filter
 from smsid.estimation.loosening import loosen_model, thin_flight
+from smsid.estimation.map_estimate import fit
 from smsid.estimation.normal_equations import problem_at
-from smsid.estimation.parameter_vector import Point
+from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Belief, MovingStart, Problem, ProcessNoise, recordings_of
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
+LEFT_NOISE = 1.1  # times its noise that a model leaves at most, where how it begins is all that was wrong
+STEPS = 3  # of a fit
 LOOKS = 2  # at how it begins, each from where the one before has it
 FAR = 3.0  # standard deviations of what is known of the start, beyond which that is wrong
+FAR_AND_LACKING = 4.0  # the same, where a cause may be lacking: in 8 s a joint's friction was 3 of them
 STATED = 1e-4  # standard deviation below which somebody has said that a coordinate rests
 FIRST_SAMPLES = 2000  # of a flight, which tell how it begins: of a thinned one, if that is enough
 
 
-def with_likely_start(point: Point, problem: Problem) -> Problem:
-    """Return a problem of a diagnosis whose hidden joints begin at rest, or in motion where that is likelier.
+def with_likely_start(point: Point, problem: Problem, unknowns: Sequence[Unknown] = ()) -> Problem:
+    """Return a problem of a diagnosis whose hidden joints begin at rest, or in motion where that explains it.
 
     In motion they begin about where all readings put them, with the standard deviations of `InitialPrior`. A
-    recording that begins at rest tells more if that is known, and one that is not followed either way tells
-    nothing of how it begins.
+    recording that begins at rest tells more if that is known, and a start in motion takes the place of much
+    that a model lacks: it is believed only where it is far from rest, and where the model does not follow
+    from rest and leaves noise from there, some steps of a fit of ``unknowns`` on.
     """
     rests = _begun(problem, ProcessNoise().hidden, [()] * max(1, len(problem.parts)))
     if not len(_moving_joints(point.model())):
         return rests
-    ways = {"at rest": rests}
     try:
-        ways["moving"] = _in_motion(point, problem)
-    except SimulationError as error:
+        if normalised_rmse(run_filter(point.model(), at_point(point, rests))) < FOLLOWED_RATIO:
+            return rests
+        moving = _in_motion(point, problem)
+        left = normalised_rmse(run_filter(point.model(), at_point(point, moving)))
+        if LEFT_NOISE < left <= MISFIT_RATIO and unknowns:
+            there = fit(point, unknowns, moving, iterations=STEPS)
+            moving, left = _in_motion(there.point, problem), normalised_rmse(there.run)
+    except (SimulationError, np.linalg.LinAlgError) as error:
         LOGGER.info("not moving: %s", error)
-    left, likely = compared_likelihoods(point.model(), {k: at_point(point, p) for k, p in ways.items()})
-    gained = likely.get("moving", -np.inf) > likely.get("at rest", -np.inf) + CLEAR_GAIN
-    return ways["moving" if gained and left <= MISFIT_RATIO else "at rest"]
+        return rests
+    far = max(_distance(m) for m in [moving.moves, *(p.moves for p in moving.parts)])
+    LOGGER.info("begun in motion, %.3g sigma from rest: %.3g times the noise is left", far, left)
+    return moving if left <= LEFT_NOISE and far > FAR_AND_LACKING else rests
+
+
+def _distance(moves: Sequence[MovingStart]) -> float:
+    """Return how far from rest hidden joints begin at most, in standard deviations of `InitialPrior`."""
+    place, rate = InitialPrior().hidden
+    return max((max(*np.abs(m.at) / place, *np.abs(m.rate) / rate) for m in moves), default=0.0)
 
 
 def with_moving_start(point: Point, flight: Flight, share: float) -> Flight:

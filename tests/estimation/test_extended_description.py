@@ -32,7 +32,8 @@ def test_an_extended_description_is_identified(tmp_path):
     given = guess(tmp_path, RIGID, tank=False, panel=False)
     cause = SensorScale(name="cause", sensor="gyro", quantity="angular_rate", error=(0.0, 0.0, 0.015))
     point = replace(Point.of(given.with_effects(cause)), inertial={0: 20.0, 4: -6.0, 9: -4.0})
-    fit = SimpleNamespace(point=point, problem=SimpleNamespace(parts=()))
+    unknown = SimpleNamespace(name="cause.error.z")
+    fit = SimpleNamespace(point=point, problem=SimpleNamespace(parts=()), unknowns=(unknown,))
     nominal = SimpleNamespace(point=Point.of(given))
     search = SimpleNamespace(last=fit, nominal=nominal)
     extended, notes = with_inertial_shifts(extended_point(search), fit)
@@ -46,4 +47,7 @@ def test_an_extended_description_is_identified(tmp_path):
     scale = found.estimate["cause.error.z"]
     assert scale.status == "identifiable" and abs(scale.value - 0.02) < 4.0 * scale.sigma
     assert not [p.name for p in found.estimate.parameters if "body_error" in p.name]
-    assert any("body_error_bus.mass" in n and "part of 'bus'" in n for n in found.estimate.notes)
+    assert not [p.name for p in found.estimate.parameters if p.name in ("cause.error.x", "cause.error.y")]
+    told = [n for n in found.estimate.notes if "not estimated" in n]
+    assert any("'body_error_bus' mass, first_moment.x" in n and "marked `known`" in n for n in told)
+    assert any("'cause' error.x, error.y are not estimated: marked `known`" in n for n in told)
