@@ -15,14 +15,13 @@ from smsid.diagnose.exchange_step import without_cause
 from smsid.diagnose.stepwise import Search
 from smsid.errors import SmsidError
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.input_timing import CLEAR_GAIN, timings
+from smsid.estimation.input_timing import CLEAR_GAIN, NOISE_RATIO, timings
 from smsid.estimation.joint_problem import with_likely_timing
 from smsid.estimation.map_estimate import MapFit, fit
 from smsid.estimation.problem import CommandTiming, Problem, recordings_of
 
 LOGGER = logging.getLogger(__name__)
-LEFT_RATIO = 1.1  # times its noise that a last fit leaves, from which on other ways are fitted, too
-STEPS = 2  # of such a fit
+STEPS = 2  # of a fit with commands in another way
 
 
 def as_inputs_act(found: Search) -> Problem:
@@ -39,7 +38,7 @@ def as_inputs_act(found: Search) -> Problem:
     late = [c for c in causes if c.effect is not None and c.effect.shifts_time]
     if not late:
         likely = with_likely_timing(last.point, last.problem)
-        return likely if normalised_rmse(last.run) < LEFT_RATIO else _refitted(last, likely)
+        return likely if normalised_rmse(last.run) < NOISE_RATIO else _refitted(last, likely)
     paid = apart + sum(len(c.free) for c in late) * float(np.log(found.samples))
     chosen, best = last.problem, 2.0 * last.objective + paid
     for choice in dict.fromkeys(t for p in recordings_of(last.problem) for t in timings(p.recording)):
@@ -63,11 +62,8 @@ def _refitted(last: MapFit, likely: Problem) -> Problem:
     """Return the problem of a fit with commands in the way that explains most some steps on: ``likely``, the
     one that does so as it stands, unless another is clearly better.
     """
-    own = recordings_of(last.problem)
-    ways = [
-        likely,
-        *(_with_hold(last.problem, t) for t in dict.fromkeys(t for p in own for t in timings(p.recording))),
-    ]
+    choices = dict.fromkeys(t for p in recordings_of(last.problem) for t in timings(p.recording))
+    ways = [likely, *(_with_hold(last.problem, t) for t in choices)]
     if len(ways) < 3:  # the one there is
         return likely
     reached = np.full(len(ways), np.inf)

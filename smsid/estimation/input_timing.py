@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,11 +19,11 @@ from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
-K = TypeVar("K")
 MISFIT_RATIO = 10.0  # times its noise that the model leaves, over all channels, before it does not follow
 CLEAR_GAIN = 5.0  # of the log-likelihood, with which commands are taken to act otherwise
 HOPELESS_LOSS = 50.0  # in log-likelihood over the first samples, by which a way is out: 10 times `CLEAR_GAIN`
 PARTS = 4  # as many parts as the samples have, of which the first is filtered at first in a second look
+NOISE_RATIO = 1.1  # times its noise that a model leaves at most, where nothing but noise is left
 FOLLOWED_RATIO = 1.5  # times its noise, below which that part tells: what is not followed prefers anything
 
 
@@ -60,11 +59,10 @@ def timing_of(point: Point, problem: Problem, now: CommandTiming | None = None) 
     model, data, left, likely = point.model(), problem.data, np.inf, dict[CommandTiming, float]()
     if now is not None:
         some = replace(problem, data=data.first(-(-len(data.times) // PARTS)))
-        left, likely = compared_likelihoods(model, _with_each(some, choices))
+        left, likely = _likelihoods(model, some, choices)
     ahead = [t for t in likely if likely[t] > max(likely.values()) - HOPELESS_LOSS]
     if left > FOLLOWED_RATIO or len(ahead) > 1:
-        asked = ahead if left <= FOLLOWED_RATIO else choices
-        left, likely = compared_likelihoods(model, _with_each(problem, asked))
+        left, likely = _likelihoods(model, problem, ahead if left <= FOLLOWED_RATIO else choices)
     if not likely:  # lost: the search says what is wrong; commands are taken for what they look like
         return now or next((t for t in choices if t.hold == "jumps"), choices[0])
     best = max(likely, key=lambda t: likely[t])
@@ -74,28 +72,21 @@ def timing_of(point: Point, problem: Problem, now: CommandTiming | None = None) 
     return now if now in likely and likely[best] - likely[now] < CLEAR_GAIN else best
 
 
-def _with_each(problem: Problem, choices: Sequence[CommandTiming]) -> dict[CommandTiming, Problem]:
-    return {t: replace(problem, timing=t) for t in choices}
-
-
-def compared_likelihoods(
-    model: SpacecraftModel, problems: Mapping[K, Problem]
-) -> tuple[float, dict[K, float]]:
-    """Return what a model leaves at best, in noise, and how likely it is in each of the problems, which have
-    the same readings: with noise levels as large as the errors, where it does not follow. Those that lose the
-    recording are left out.
-    """
-    runs: dict[K, FilterRun] = {}
-    for key, problem in problems.items():
+def _likelihoods(
+    model: SpacecraftModel, problem: Problem, choices: Sequence[CommandTiming]
+) -> tuple[float, dict[CommandTiming, float]]:
+    """Return what a model leaves at best, in noise, and how likely it is with commands as in each choice."""
+    runs: dict[CommandTiming, FilterRun] = {}
+    for timing in choices:
         try:
-            runs[key] = run_filter(model, problem)
+            runs[timing] = run_filter(model, replace(problem, timing=timing))
         except SimulationError as error:
-            LOGGER.info("not %s: %s", key, error)
+            LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
     left = min((normalised_rmse(r) for r in runs.values()), default=np.inf)
     likely = {
-        k: _after_the_first(r) if left <= MISFIT_RATIO else _with_own_levels(r) for k, r in runs.items()
+        t: _after_the_first(r) if left <= MISFIT_RATIO else _with_own_levels(r) for t, r in runs.items()
     }
-    LOGGER.info("%s", ", ".join(f"{k}: {x:.1f}" for k, x in likely.items()))
+    LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in likely.items()))
     return left, likely
 
 

@@ -19,7 +19,7 @@ from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.input_timing import CLEAR_GAIN, FOLLOWED_RATIO, MISFIT_RATIO
+from smsid.estimation.input_timing import CLEAR_GAIN, FOLLOWED_RATIO, MISFIT_RATIO, NOISE_RATIO
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import KalmanFilter, hidden_coordinates, run_filter
 from smsid.estimation.loosening import loosen_model, thin_flight
@@ -30,11 +30,10 @@ from smsid.estimation.problem import Belief, MovingStart, Problem, ProcessNoise,
 from smsid.model.spacecraft import SpacecraftModel
 
 LOGGER = logging.getLogger(__name__)
-LEFT_NOISE = 1.1  # times its noise that a model leaves at most, where how it begins is all that was wrong
 STEPS = 3  # of a fit
 LOOKS = 2  # at how it begins, each from where the one before has it
 FAR = 3.0  # standard deviations of what is known of the start, beyond which that is wrong
-FAR_AND_LACKING = 4.0  # the same, where a cause may be lacking: in 8 s a joint's friction was 3 of them
+FAR_AND_LACKING = 4.0  # the same where a cause may be lacking, which is taken for a start: a judgement
 STATED = 1e-4  # standard deviation below which somebody has said that a coordinate rests
 FIRST_SAMPLES = 2000  # of a flight, which tell how it begins: of a thinned one, if that is enough
 
@@ -55,7 +54,7 @@ def with_likely_start(point: Point, problem: Problem, unknowns: Sequence[Unknown
             return rests
         moving = _in_motion(point, problem)
         left = normalised_rmse(run_filter(point.model(), at_point(point, moving)))
-        if LEFT_NOISE < left <= MISFIT_RATIO and unknowns:
+        if NOISE_RATIO < left <= MISFIT_RATIO and unknowns:
             there = fit(point, unknowns, moving, iterations=STEPS)
             moving, left = _in_motion(there.point, problem), normalised_rmse(there.run)
     except (SimulationError, np.linalg.LinAlgError) as error:
@@ -63,7 +62,7 @@ def with_likely_start(point: Point, problem: Problem, unknowns: Sequence[Unknown
         return rests
     far = max(_distance(m) for m in [moving.moves, *(p.moves for p in moving.parts)])
     LOGGER.info("begun in motion, %.3g sigma from rest: %.3g times the noise is left", far, left)
-    return moving if left <= LEFT_NOISE and far > FAR_AND_LACKING else rests
+    return moving if left <= NOISE_RATIO and far > FAR_AND_LACKING else rests
 
 
 def _distance(moves: Sequence[MovingStart]) -> float:

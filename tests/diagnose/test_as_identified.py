@@ -66,10 +66,8 @@ def test_a_cause_is_as_far_and_as_well_known_as_identified_from_what_was_written
     found = identify_flights(asked.extended, [recording], cad=0.01, options=options).found
     spread = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
     own = {u.name.removeprefix("exp2: "): (u, s) for u, s in zip(found.unknowns, spread, strict=True)}
-    beside = {
-        n for n in own if not n.startswith("start.")
-    }  # of the first state the filter's covariance has it
-    assert beside == set(sigma)
+    # how the motion begins is a parameter here, and in the covariance of the first state there
+    assert {n for n in own if not n.startswith("start.")} == set(sigma)
     for unknown in last.unknowns:
         theirs, size = own[unknown.name]
         off = (last.point.value(unknown) - found.point.value(theirs)) / size
