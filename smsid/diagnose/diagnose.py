@@ -231,7 +231,7 @@ def _diagnose(
             advice="Move the arm, the wheels or thrust.",
         )
     taken = [
-        f"{f'{where}: ' if where else ''}commands taken as {t.hold}, accelerations from the {t.side}"
+        f"{f'{where}: ' if where else ''}commands taken as {t.words}, accelerations from the {t.side}"
         for where, t in _timings(problem)
     ]
     apart = [

@@ -42,13 +42,12 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
     if len(ahead) != 1:
         likely = _likelihoods(point, unknowns, flight, ahead or choices, at_rest)
     best = max(likely, key=lambda t: likely[t], default=now)
-    either = at_rest and {best.hold, now.hold} <= set(
-        VARYING
-    )  # `undecided_covariance` says how far that is told
+    # of two that vary, `undecided_covariance` says how far that is told; when jumps are is known, or not
+    either = at_rest and ({best.hold, now.hold} <= set(VARYING) or best.anywhere != now.anywhere)
     if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEAR_GAIN):
         best = now
-    told = ", ".join(f"{t.hold} {t.side} {x:.1f}" for t, x in likely.items())
-    LOGGER.info("commands of '%s' taken as %s, %s: %s", flight.label, best.hold, best.side, told)
+    told = ", ".join(f"{t.words} {t.side} {x:.1f}" for t, x in likely.items())
+    LOGGER.info("commands of '%s' taken as %s, %s: %s", flight.label, best.words, best.side, told)
     return with_timing(flight, best)
 
 
@@ -66,7 +65,7 @@ def _likelihoods(
             else:
                 likely[timing] = log_likelihood_of(point, [other])
         except SmsidError as error:
-            LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
+            LOGGER.info("not %s, %s: %s", timing.words, timing.side, error)
     return likely
 
 
@@ -106,6 +105,16 @@ def _with_likely_walks(point: Point, flight: Flight) -> Flight:
 def with_timing(flight: Flight, timing: CommandTiming) -> Flight:
     """Return a flight whose commands act otherwise between samples."""
     return replace(flight, problem=replace(flight.problem, timing=timing))
+
+
+def notes_on_commands(flight: Flight) -> list[str]:
+    """Return what there is to say of how the commands of a flight act between samples."""
+    if not flight.problem.timing.anywhere:
+        return []
+    return [
+        "commands jump between their samples, not at one of them: when is not known, and counts in intervals. "
+        "Record on-times, or commands faster"
+    ]
 
 
 def undecided_covariance(found: NormalEquations, flights: Sequence[Flight]) -> tuple[np.ndarray, list[str]]:

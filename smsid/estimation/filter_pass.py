@@ -38,7 +38,9 @@ class AppliedForces:
     """Applied generalised forces: means over the substeps (N - 1, substeps, nv), means over the intervals
     between samples (N - 1, nv), and values at the samples (N, nv). ``rise`` (N - 1, substeps, nv) is by how
     much the line of equal mean and equal first moment rises over half a substep. ``before`` (nv,) are the
-    forces just before the first sample, where that is not the first of all.
+    forces just before the first sample, where that is not the first of all. ``jumps`` (N - 1, nv) are
+    standard deviations of the means over intervals in which commands switch at an unknown time, ``None``
+    where they do not.
     """
 
     means: np.ndarray
@@ -46,6 +48,7 @@ class AppliedForces:
     at: np.ndarray
     rise: np.ndarray
     before: np.ndarray | None = None
+    jumps: np.ndarray | None = None
 
     @property
     def last(self) -> np.ndarray | None:
@@ -80,6 +83,7 @@ class AppliedForces:
             after,
             nothing if push_at is None else push_at,
             nothing if push_middle is None else push_middle,
+            np.zeros((0, nv)) if self.jumps is None else np.ascontiguousarray(self.jumps),
             *unknown,
             noise,
         )
@@ -338,6 +342,8 @@ def run_plain(
             b = forcing @ lin.by_tau
             p[:] = change @ p @ change.T
             p[: 2 * nv, : 2 * nv] += (b * drive.noise) @ b.T
+            if len(drive.jumps):
+                p[: 2 * nv, : 2 * nv] += np.outer(b @ drive.jumps[k], b @ drive.jumps[k])
             p[:first, :first] += walk_covariance(change[: 2 * nv, 2 * nv : first], drive.walk * h_k)
             if parameters is not None:
                 own = range(first, len(p))

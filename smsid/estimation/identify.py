@@ -23,12 +23,14 @@ from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.paper.pipeline import Identification
 from smsid.identify.paper.pipeline import identify as by_the_paper
+from smsid.identify.robust import white_sigma
 from smsid.identify.sensor_correction import without_known_errors
 from smsid.likelihood.channels import BIASED
 from smsid.likelihood.fit import ConvergenceError
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.refine import Refinement, refine
 from smsid.recording import Recording
+from smsid.recording._attitude import turn_between
 from smsid.recording.checks import consistency_notes
 
 if TYPE_CHECKING:
@@ -36,6 +38,9 @@ if TYPE_CHECKING:
     from smsid.estimation.identify_flights import FlightEstimate
 
 LOGGER = logging.getLogger(__name__)
+TURN_PARTS = 20  # parts of a recording whose mean attitudes are compared
+TURN_SIGMAS = 2.0  # of a reading's noise, by which these differ at most where an attitude is held
+UNTURNED = 1e-6  # [rad] that nobody holds an attitude better
 BEGINNING = 30_000  # samples of the slowest sensor of a long flight that the search starts with
 
 Method = Literal["ml", "filter", "paper"]
@@ -109,6 +114,7 @@ def identify_spacecraft(
         reason = "single thrusters fire"
     if not reason and options is not None and options != type(options)():
         reason = "options of a flight were given"
+    reason = reason or next(filter(None, map(_turned_while_pushed, recordings)), "")
     if not reason:
         try:
             return _batch(description, recordings, cad, tell, doubts)
@@ -188,6 +194,26 @@ def _better_columns(description: Description, recordings: Sequence[Recording], b
     from smsid.estimation.mapping_check import wrong_columns
 
     return wrong_columns(description, [_first_samples(r) for r in recordings])
+
+
+def _turned_while_pushed(recording: Recording) -> str:
+    """Return that the attitude is not held under thrust, which the batch takes it for, by more than a reading
+    of it errs.
+    """
+    if not excited_axes(recording):
+        return ""
+    for channel in (c for c in recording.channels if c.partition(".")[2] == "attitude"):
+        seen = np.asarray(recording[channel], dtype=float)
+        seen = seen[np.isfinite(seen).all(axis=1)]
+        if channel.startswith("truth.") or len(seen) < TURN_PARTS**2:
+            continue
+        turns = turn_between(np.broadcast_to(seen[0], seen.shape), seen)
+        parts = np.array([p.mean(axis=0) for p in np.array_split(turns, TURN_PARTS)])
+        noise = np.asarray(white_sigma(turns)) + UNTURNED
+        if (np.ptp(parts, axis=0) > TURN_SIGMAS * noise).any():
+            size = float(np.linalg.norm(turns, axis=1).max())
+            return f"'{recording.name}' turns by up to {size:.3g} rad while thrust acts"
+    return ""
 
 
 def _single_thrusters(recording: Recording) -> bool:

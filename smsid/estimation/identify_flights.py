@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError
-from smsid.estimation.commands_between_samples import undecided_covariance
+from smsid.estimation.commands_between_samples import notes_on_commands, undecided_covariance
 from smsid.estimation.contradictions import Contradiction, contradictions
 from smsid.estimation.exchange import distinct, likely_exchanges, with_exchanges
 from smsid.estimation.fit_quality import FitQuality, fit_quality
@@ -190,7 +190,7 @@ def _identify(
     told = [quality.sentence, *conflicts, *(c.sentence for c in disagree), *doubts]
     notes = list(dict.fromkeys(told))
     notes += [f"nothing tells the scale of '{c}': masses and inertias go with it" for c in untold]
-    notes += [f"{f.label}: {n}" for f in flights for n in f.notes]
+    notes += [f"{f.label}: {n}" for f in flights for n in (*f.notes, *notes_on_commands(f))]
     notes += asked.notes()
     if quality.widening > 1.0:
         notes.append(

@@ -37,12 +37,13 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
 def commanded_inputs(
-    model: SpacecraftModel, recording: Recording, hold: Hold, *, required: bool = True
+    model: SpacecraftModel, recording: Recording, hold: Hold, *, required: bool = True, slowly: bool = False
 ) -> Inputs:
     """Return the commanded inputs of a recording; between samples they are held or vary linearly.
 
     ``"smooth"`` ones follow a cubic spline: telemetry that is slow beside what it commands. With ``"jumps"``
-    they vary linearly but where they jump: there the sample before is held until the one after. So are
+    they vary linearly but where they jump: there the sample before is held until the one after, or with
+    ``slowly`` not: what jumps goes straight from the one to the other, and what is held is otherwise. So are
     thrusters that switch beside wheels or a torque that do not; where their pulses lie in a sample is known,
     they are held in any case. What is not commanded but measured (``<sensor>.joint_torque``, say) stands in.
 
@@ -59,11 +60,14 @@ def commanded_inputs(
             shares = thruster_shares(model, field, values)
             signals["thruster"] = pulsed_thrust(model, times, shares, channel)
             continue
-        if hold == "jumps":
-            times, values = _with_ramps(times, values.reshape(len(values), -1))
+        degree, flat = DEGREE[hold], values.reshape(len(values), -1)
+        if slowly and hold == "held" and jump_intervals(flat).any():
+            (times, values), degree = _with_ramps(times, flat, ~jump_intervals(flat)), 1
+        elif hold == "jumps" and not slowly:
+            times, values = _with_ramps(times, flat, jump_intervals(flat))
         if field in SHARES:
             field, values = "thruster", thruster_shares(model, field, values)
-        signals[field] = Sampled.from_samples(times, values, DEGREE[hold])
+        signals[field] = Sampled.from_samples(times, values, degree)
     if required and all(s is None for s in signals.values()):
         raise RecordingError(
             f"The recording '{recording.name}' has no command.* channel.",
@@ -132,6 +136,11 @@ def is_stepwise(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     return _looks(recording) == (True, False)
 
 
+def has_jumps(recording: Mapping[str, np.ndarray] | Recording) -> bool:
+    """Whether some commands (N, k) of a recording jump between samples."""
+    return _looks(recording)[0]
+
+
 def bends_between_samples(recording: Mapping[str, np.ndarray] | Recording) -> bool:
     """Whether smooth commands (N, k) bend between samples by as much as matters: none jumps, and halfway
     between samples a cubic through them leaves the straight line by more than `CURVED_SHARE` of their size.
@@ -197,12 +206,12 @@ def _smooth(values: np.ndarray, jumps: np.ndarray) -> bool:
     )
 
 
-def _with_ramps(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _with_ramps(times: np.ndarray, values: np.ndarray, jumps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return samples (N,), (N, k) with one more just before every jump: what is held until then.
 
-    The last value goes on for another interval: a jump there is one, too, and no slope to be extrapolated.
+    ``jumps`` (N - 1, k) are the intervals that end with one. The last value goes on for another interval: a
+    jump there is one, too, and no slope to be extrapolated.
     """
-    jumps = jump_intervals(values)
     at = np.flatnonzero(jumps.any(axis=1))
     ramp = max(RAMP_SHARE * float(np.diff(times).min()), 4.0 * float(np.spacing(np.abs(times).max())))
     before = np.where(jumps[at], values[at], values[at + 1])

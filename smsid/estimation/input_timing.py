@@ -11,7 +11,7 @@ import numpy as np
 from smsid.errors import SimulationError
 from smsid.estimation.filter_run import FilterRun, log_likelihoods
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.input_hold import VARYING, Hold, bends_between_samples, is_mixed_hold
+from smsid.estimation.input_hold import VARYING, Hold, bends_between_samples, has_jumps, is_mixed_hold
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, Problem
@@ -31,7 +31,8 @@ def timings(recording: Recording) -> tuple[CommandTiming, ...]:
     """Return how the commands of a recording may act: one where it says so itself.
 
     It does by ``inputs`` ("held" or "linear") and ``acceleration`` in its provenance. Commands that jump
-    beside others that do not may be both; those that vary may bend between slow samples.
+    beside others that do not may be both; those that vary may bend between slow samples. What jumps may do
+    so between samples.
     """
     told = recording.provenance
     side = "left" if "left" in str(told.get("acceleration", "")) else "right"
@@ -41,7 +42,10 @@ def timings(recording: Recording) -> tuple[CommandTiming, ...]:
         holds = (told["inputs"],)
     if "linear" in holds and bends_between_samples(recording):
         holds = (*holds, "smooth")
-    return tuple(CommandTiming(h, s) for h in holds for s in (sides[:1] if h in VARYING else sides))
+    out = [CommandTiming(h, s) for h in holds for s in (sides[:1] if h in VARYING else sides)]
+    if "inputs" not in told and has_jumps(recording):  # in its middle, a slow one has no side
+        out += [CommandTiming(h, sides[0], anywhere=True) for h in holds if h not in VARYING]
+    return tuple(out)
 
 
 def timing_of(point: Point, problem: Problem, now: CommandTiming | None = None) -> CommandTiming:
@@ -81,12 +85,12 @@ def _likelihoods(
         try:
             runs[timing] = run_filter(model, replace(problem, timing=timing))
         except SimulationError as error:
-            LOGGER.info("not %s, %s: %s", timing.hold, timing.side, error)
+            LOGGER.info("not %s, %s: %s", timing.words, timing.side, error)
     left = min((normalised_rmse(r) for r in runs.values()), default=np.inf)
     likely = {
         t: _after_the_first(r) if left <= MISFIT_RATIO else _with_own_levels(r) for t, r in runs.items()
     }
-    LOGGER.info("%s", ", ".join(f"{t.hold} {t.side}: {x:.1f}" for t, x in likely.items()))
+    LOGGER.info("%s", ", ".join(f"{t.words} {t.side}: {x:.1f}" for t, x in likely.items()))
     return left, likely
 
 

@@ -15,7 +15,7 @@ from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs, log_determinants, log_likelihoods
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.input_hold import VARYING, limits, means, starts_with_jump, unevenness
+from smsid.estimation.input_hold import COMMANDS, VARYING, limits, means, starts_with_jump, unevenness
 from smsid.estimation.problem import (
     Belief,
     MovingStart,
@@ -31,6 +31,7 @@ from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.simulate import Inputs
 from smsid.simulate.trajectory import States
 
+UNTOLD = 1e-3  # of the largest force, by which one that may have jumped has to differ to be unknown
 AT_ONCE = ("acceleration", "joint_position")  # what depends on the forces of the moment; encoders by a gear
 
 
@@ -92,9 +93,16 @@ class KalmanFilter:
             own = self.walks.compiled_tables(self.compiled_tables.parameters)
             self.compiled_tables = self.compiled_tables._replace(parameters=own)
         self.driving = driving_forces(model, problem.inputs(model))
+        self._sudden = _sudden_forces(model, problem)
         self.input_noise = input_covariance(model, problem)
         self.forces = unknown_forces(problem.unknown_inputs, problem.timing)
         self._readable = _readable(problem)
+        if self._sudden is not None:  # what acts while a command may have jumped or not is not known
+            later = [limits(x, problem.data.times, "right") for x in (self.driving, self._sudden)]
+            unknown = np.abs(later[0] - later[1]).max(axis=1) > UNTOLD * np.abs(later[0]).max(initial=0.0)
+            for block in problem.data.blocks:
+                if block.quantity in AT_ONCE:
+                    self._readable[unknown, block.rows] = False
         self.given = problem.given
         self.order = np.argsort(~self.given, kind="stable")
         names = [b.channel for b in problem.data.blocks if b.quantity == "attitude"]
@@ -111,6 +119,23 @@ class KalmanFilter:
         self.unknown, self.values = np.zeros(len(start)), np.zeros(len(wandered))
         self.covariance: np.ndarray = np.asarray(block_diag(belief.covariance, start, wandered))
         self._next, self._before = 0, None
+
+    def jumps(self, edges: np.ndarray) -> np.ndarray | None:
+        """Return standard deviations (N - 1, nv) of mean forces between edges (N,), as commands jump at an
+        unknown time in some of these intervals; ``None`` where they do not.
+
+        A switch anywhere in an interval has the mean of a slow one, of half the force of a late one. Its time
+        is uniform, so that its mean errs by the force's twelfth's root; where commands are sampled more
+        slowly, that is shared out over m intervals, as if these were independent.
+        """
+        if self._sudden is None or len(edges) < 2:
+            return None
+        missed = means(self.driving, edges) - means(self._sudden, edges)
+        recording = self.problem.recording
+        clocks = [recording.time(c) for c in COMMANDS.values() if c in recording]
+        slow = min((float(np.median(np.diff(t))) for t in clocks), default=0.0)
+        m = max(1.0, round(slow / float(np.median(np.diff(edges)))))
+        return missed * np.sqrt(m**3 / (4.0 * m**2 - 1.0))
 
     def restarted(self, belief: Belief, *, until: float) -> KalmanFilter:
         """Return it at the first sample again, with another belief of the state there: what does not depend
@@ -132,7 +157,8 @@ class KalmanFilter:
         n = min(samples, len(data.times) - first)
         edges = np.array(data.times[first : first + n + 1], dtype=float)
         if self._applied is None or not np.array_equal(self._applied[0], edges):
-            self._applied = edges, applied_forces(self.base.plant, self.problem, self.driving, edges)
+            applied = applied_forces(self.base.plant, self.problem, self.driving, edges)
+            self._applied = edges, replace(applied, jumps=self.jumps(edges))
         forces = replace(self._applied[1], before=self._before)
         times, present = edges[:n], self._readable[first : first + n]
         corrections = int(np.searchsorted(times, self.until, side="right"))
@@ -165,6 +191,14 @@ class KalmanFilter:
             present & (times <= self.until)[:, None], edges, self.given,
             volume=float(log_determinants(found.whitening, self.given).sum()),
         )  # fmt: skip
+
+
+def _sudden_forces(model: SpacecraftModel, problem: Problem) -> Signal | None:
+    """Return what would act if all that jumps at an unknown time did so at the samples, the latest it may."""
+    if not problem.timing.anywhere:
+        return None
+    late = replace(problem, timing=replace(problem.timing, anywhere=False))
+    return driving_forces(model, late.inputs(model))
 
 
 def _readable(problem: Problem) -> np.ndarray:

@@ -21,10 +21,19 @@ SUBSTEP = 0.025  # [s] longest step of the integration between samples, unless t
 
 @dataclass(frozen=True)
 class CommandTiming:
-    """How commands act between samples, and on which side of a jump accelerations are sampled."""
+    """How commands act between samples, and on which side of a jump accelerations are sampled.
+
+    ``anywhere``: what jumps does so at an unknown time between two samples, not at one of them.
+    """
 
     hold: Hold = "held"
     side: Literal["left", "right"] = "right"
+    anywhere: bool = False
+
+    @property
+    def words(self) -> str:
+        """How commands act between samples, to be read."""
+        return f"{self.hold}, jumping between samples" if self.anywhere else self.hold
 
 
 @dataclass(frozen=True)
@@ -211,8 +220,11 @@ class Problem:
         return self.profiled and self.of_all_readings
 
     def inputs(self, model: SpacecraftModel) -> Inputs:
-        """Return what was commanded."""
-        return commanded_inputs(model, self.recording, self.timing.hold, required=self.begin is None)
+        """Return what was commanded; what switches anywhere between samples does so slowly, from one to the
+        other, which is right in the mean.
+        """
+        timing, required = self.timing, self.begin is None
+        return commanded_inputs(model, self.recording, timing.hold, required=required, slowly=timing.anywhere)
 
 
 def recordings_of(problem: Problem) -> tuple[Problem, ...]:

@@ -93,7 +93,7 @@ def _changes(
     """Return what smoothing adds to predictions (N, x), also that of a sample after the run, if there is one,
     and to what the filter had after each reading (N, x); ``first`` (x,) is that of the first prediction.
     """
-    noise = wandered.sum(axis=1) - _of_biases(kalman, run, slopes[1:])
+    noise = wandered.sum(axis=1) - _of_biases(kalman, run, slopes[1:]) - _of_jumps(kalman, run, slopes[1:])
     corrections = np.einsum("nxr,nr->nx", run.gain, np.where(run.used, run.errors, 0.0))
     here, after = [first], np.empty_like(corrections)
     for k, correction in enumerate(corrections):
@@ -141,6 +141,17 @@ def _of_biases(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.n
         passed = np.diff(run.edges)[: len(lead), None]
         known = 2 * kalman.model.nv + kalman.forces.walk.shape[1]
         out[:, known:] = kalman.walks.rates * passed * lead[:, known:]
+    return out
+
+
+def _of_jumps(kalman: KalmanFilter, run: FilterRun, slopes: np.ndarray) -> np.ndarray:
+    """Return Q lambda (N, x) of commands that jump at an unknown time."""
+    lead = slopes[: len(run.transition)]
+    out, jumps = np.zeros_like(lead), kalman.jumps(run.edges)
+    if jumps is not None:
+        at = np.flatnonzero(jumps[: len(lead)].any(axis=1))
+        pushed = np.einsum("nxi,nij,nj->nx", run.forcing[at], run.middle_inverse[at], jumps[at])
+        out[at] = pushed * np.einsum("nx,nx->n", pushed, lead[at])[:, None]
     return out
 
 

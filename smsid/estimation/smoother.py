@@ -44,10 +44,11 @@ def smoothed_states(model: SpacecraftModel, problem: Problem) -> SmoothedStates:
     """
     filtering = KalmanFilter(model, problem)
     first, noise, walk = filtering.covariance, filtering.input_noise, filtering.forces.walk
+    jumps = filtering.jumps(np.asarray(problem.data.times, dtype=float))
     wander = np.zeros(0) if filtering.walks is None else filtering.walks.rates
     run = filtering.advance(len(problem.data.times))
     change, covariance = bryson_frazier(
-        predicted_covariances(run, first, problem.data.sigma**2, noise, walk, wander),
+        predicted_covariances(run, first, problem.data.sigma**2, noise, walk, wander, jumps),
         run.transition,
         run.sensitivity,
         run.whitening,
@@ -68,12 +69,14 @@ def predicted_covariances(
     input_noise: np.ndarray,
     walk: np.ndarray,
     wander: np.ndarray | tuple[()] = (),
+    jumps: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the covariances (N, x, x) of the predictions, which a run does not keep.
 
     ``first`` (x, x) is that at the first sample, ``variance`` (rows,) that of readings, ``input_noise`` (nv,)
     that of inputs over a sample, ``walk`` (3, k) by how much the unknown inputs' variance grows in a second
-    (`UnknownForces`), ``wander`` (m,) the same of biases that wander.
+    (`UnknownForces`), ``wander`` (m,) the same of biases that wander; ``jumps`` (N - 1, nv) as in
+    `KalmanFilter.jumps`.
     Joseph's form, in which rounding dies out: the gains are the run's own.
     """
     n, width = len(run.gain), first.shape[0]
@@ -89,6 +92,8 @@ def predicted_covariances(
         p = left @ p @ left.T + (gain * variance[there]) @ gain.T
         b = run.forcing[k] @ run.middle_inverse[k]
         p = run.transition[k] @ p @ run.transition[k].T + (b * input_noise) @ b.T
+        if jumps is not None:
+            p += np.outer(b @ jumps[k], b @ jumps[k])
         passed, known = float(run.edges[k + 1] - run.edges[k]), width - len(wander)
         if walk.size:
             inner = known - walk.shape[1]

@@ -237,3 +237,19 @@ def spread(p, change, forcing, inverse, noise, walk, rates, h):
     for i in range(len(rates)):
         p[inner + acts + i, inner + acts + i] += rates[i] * h
     symmetrise(p)
+
+
+@compile_inner
+def add_square(p, by_force, force):
+    """Add to the covariance (x, x) that of a change by ``by_force`` (y, nv) of forces that err by ``force``
+    (nv,), all together.
+    """
+    moved = np.zeros(len(by_force))
+    for c in range(len(force)):
+        if force[c] != 0.0:
+            for r in range(len(moved)):
+                moved[r] += by_force[r, c] * force[c]
+    for r in range(len(moved)):
+        if moved[r] != 0.0:
+            for c in range(len(moved)):
+                p[r, c] += moved[r] * moved[c]

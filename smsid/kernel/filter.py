@@ -12,6 +12,7 @@ import numpy as np
 from smsid.kernel import columns
 from smsid.kernel.columns import FORCES, FREE, TIME
 from smsid.kernel.covariance import (
+    add_square,
     carry_trends,
     correct,
     inverse_of_root,
@@ -224,7 +225,8 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
     tree, tables, roots = craft
     scales, point, rates, terms, weights, read_terms, read_weights, columns, pushed = parameters[:9]
     trends, steep, close, regular = parameters[9:]
-    at, middle, means, rise, before, after, push_at, push_middle, acts, sloped, walk, noise = drive
+    at, middle, means, rise, before, after, push_at, push_middle, jumps = drive[:9]
+    acts, sloped, walk, noise = drive[9:]
     edges, values, attitudes, present, variance, corrections, order = samples
     bodies, root, p = tables[0], roots[0], state.covariance
     nv, nq, n, joints, m = len(state.v), len(state.q), len(values), len(tree), len(point)
@@ -397,6 +399,8 @@ def run(craft, senses, parameters, drive, state, samples, record, wild):
             state.values[trends[i, 0]] += h_k * state.values[trends[i, 1]]
         if corrects:
             spread(p, change, forcing, inverse, noise, walk, rates, h_k)
+            if len(jumps):
+                add_square(p, change_by_force, jumps[k])
             carry_trends(p, change, 2 * nv, ramps, unit, h_k)
             carry_trends(p, change, first, trends, steep, h_k)
     return DONE

@@ -30,11 +30,14 @@ class ThrustHistory:
     """Force [N] and torque [N m] on the bus (N, 6) in body axes, sampled at ``times`` (N,) [s].
 
     ``steps``: the value holds until the next sample; otherwise a cubic spline goes through the samples.
+    ``spacing`` [s] is that of a command that may have switched anywhere between two of its samples; zero
+    where it switches at them.
     """
 
     times: np.ndarray
     values: np.ndarray
     steps: bool
+    spacing: float = 0.0
 
     @property
     def jumps(self) -> np.ndarray:
@@ -172,7 +175,9 @@ def _thrust(model: SpacecraftModel, recording: Recording, held: bool) -> ThrustH
     if "command.force" not in recording:
         return None
     found = actual_thrust(model, recording, torque=not held)
-    return ThrustHistory(found.times, found.values, found.steps) if found.values.any() else None
+    told = recording.provenance.get("inputs") == "held"
+    spacing = 0.0 if told else float(np.median(np.diff(recording.time("command.force"))))
+    return ThrustHistory(found.times, found.values, found.steps, spacing) if found.values.any() else None
 
 
 def _check_free(model: SpacecraftModel, free: np.ndarray, start: float, stop: float) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from smsid.likelihood.channels import Channel
 from smsid.likelihood.elimination import EliminatedMotion, Form, eliminate
 from smsid.likelihood.linearised import POSE
-from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceIndex, NuisanceValues
+from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, SWITCH, NuisanceIndex, NuisanceValues
 from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
@@ -165,7 +165,9 @@ class _Outputs:
         prediction = prediction.coarse
         thrust, clocks = piece.unit_thrust(parameters), piece.unit_clocks(parameters, local)
         drive = piece.driven(local)
-        moves = variation(parameters, drive, prediction, thrust, clocks, motion=piece.follows)
+        switch = [s for s in piece.slots if s.kind == SWITCH]
+        count = sum(s.size for s in switch)
+        moves = variation(parameters, drive, prediction, thrust, clocks, motion=piece.follows, switches=count)
         kinematics = Kinematics.of(parameters.layout.model, prediction)
         wrong = {s.channel for s in direct(piece) if s.kind in CLOCK_KINDS}
         rates = {
@@ -176,7 +178,7 @@ class _Outputs:
         size, read = parameters.size, piece.encoder_clocks
         start = {s.kind: size + s.start for s in piece.slots}
         gains = [s for s in piece.slots if s.kind == "thrust_gain" and thrust is not None]
-        extra = [size + s.start + k for s in (*gains, *piece.running_clocks) for k in range(s.size)]
+        extra = [size + s.start + k for s in (*gains, *piece.running_clocks, *switch) for k in range(s.size)]
         order = [start[kind] + k for kind in ("initial_position", "initial_attitude") for k in range(3)]
         order += [int(i) if i < size else extra[int(i) - size] for i in moves.moving]
         order += [size + s.start + k for s in (*direct(piece), *read) for k in range(s.size)]

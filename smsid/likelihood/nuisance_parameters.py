@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +15,7 @@ START = {"position": 100.0, "attitude": 1.0}  # priors of the initial pose [m, r
 BIAS = {"acceleration": 0.1, "angular_rate": 0.01}  # priors of biases [m/s^2, rad/s]
 CLOCK = {"offset": 0.1, "drift": 1e-2}  # priors of clocks [s, 1]
 CLOCK_KINDS = ("clock_offset", "clock_drift")
+SWITCH = "switch_time"
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class NuisanceValues:
 
     ``position`` (3,) [m] and ``quaternion`` (4,) of the bus at the start; ``gain`` (3,) relative thrust
     error; ``bias`` (k,) and ``scale`` by channel; ``motion`` (m, joints) spline coefficients of the joints;
-    ``clock`` (2,) by sensor: what it shows too much at the start [s], and drift [1].
+    ``clock`` (2,) by sensor: what it shows too much at the start [s], and drift [1]. ``switch`` (k,) are the
+    times at which thrust switches [s], where they are sought.
     """
 
     position: np.ndarray
@@ -50,11 +52,14 @@ class NuisanceValues:
     scale: dict[str, float]
     motion: np.ndarray
     clock: dict[str, np.ndarray]
+    switch: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
 class NuisanceIndex:
-    """Where one group of local parameters stands in the step of a piece, with the prior's sigma and unit."""
+    """Where one group of local parameters stands in the step of a piece, with the prior's sigma and unit, and
+    its ``mean`` (size,) where that is not zero.
+    """
 
     kind: str
     channel: str
@@ -62,6 +67,7 @@ class NuisanceIndex:
     size: int
     sigma: float
     unit: str
+    mean: tuple[float, ...] = ()
 
 
 def slots_of(
@@ -131,7 +137,7 @@ def zero_clocks(slots: Sequence[NuisanceIndex]) -> dict[str, np.ndarray]:
 def moved(slots: Sequence[NuisanceIndex], local: NuisanceValues, step: np.ndarray) -> NuisanceValues:
     """Return the local values a step (size,) away; the pose moves in the bus frame."""
     position, quaternion, gain = local.position, local.quaternion, local.gain
-    bias, scale, clock = dict(local.bias), dict(local.scale), dict(local.clock)
+    bias, scale, clock, switch = dict(local.bias), dict(local.scale), dict(local.clock), local.switch
     turn = Rotation.from_quat(local.quaternion)
     for s in slots:
         part = step[s.start : s.start + s.size]
@@ -145,9 +151,11 @@ def moved(slots: Sequence[NuisanceIndex], local: NuisanceValues, step: np.ndarra
             bias[s.channel] = bias[s.channel] + part
         elif s.kind in CLOCK_KINDS:
             clock[s.channel] = clock[s.channel] + np.eye(2)[CLOCK_KINDS.index(s.kind)] * part
+        elif s.kind == SWITCH:
+            switch = switch + part
         else:
             scale[s.channel] = scale[s.channel] + float(part[0])
-    return NuisanceValues(position, quaternion, gain, bias, scale, local.motion, clock)
+    return NuisanceValues(position, quaternion, gain, bias, scale, local.motion, clock, switch)
 
 
 def values(slots: Sequence[NuisanceIndex], local: NuisanceValues) -> np.ndarray:
@@ -161,6 +169,8 @@ def values(slots: Sequence[NuisanceIndex], local: NuisanceValues) -> np.ndarray:
                 value = Rotation.from_quat(local.quaternion).as_rotvec()
             case "thrust_gain":
                 value = local.gain
+            case "switch_time":
+                value = local.switch
             case _:
                 value = deviation(s, local)
         out[s.start : s.start + s.size] = value
@@ -181,4 +191,6 @@ def deviation(slot: NuisanceIndex, local: NuisanceValues) -> np.ndarray:
             return np.array([local.scale[slot.channel]])
         case "clock_offset" | "clock_drift":
             return local.clock[slot.channel][CLOCK_KINDS.index(slot.kind)][None]
+        case "switch_time":
+            return local.switch - np.array(slot.mean)
     return np.zeros(slot.size)

@@ -70,10 +70,12 @@ def predict(
     timeline: Timeline,
     position: np.ndarray,
     quaternion: np.ndarray,
+    later: np.ndarray | None = None,
 ) -> Prediction:
     """Predict the motion from rest (held) or from zero momentum (free floating).
 
-    ``position`` (3,) of the bus origin and ``quaternion`` (4,) at the start. Raises `SimulationError` when
+    ``position`` (3,) of the bus origin and ``quaternion`` (4,) at the start. By ``later`` (segments - 1,) [s]
+    thrust switches later than the segments end, as far as that changes rates. Raises `SimulationError` when
     the motion is not finite.
     """
     spacecraft = parameters.layout.model
@@ -92,8 +94,9 @@ def predict(
     tree = tree_of(model, spacecraft.free) if available() else None
     if tree is not None:
         tree.bodies[rest_v - 6, STIFFNESS], tree.bodies[rest_v - 6, DAMPING] = k_rest, d_rest
-    found = []
-    for part, ends in timeline.parts(PART):
+    found, segment = [], 0
+    switched = later is not None and bool(later.any())
+    for part, ends in timeline.parts(PART, whole=switched):
         q, v, a = drive.prescribed(spacecraft, part.evaluations)
         applied = applied_forces(parameters, drive, part)[:, free]
         if tree is not None:
@@ -115,6 +118,11 @@ def predict(
         q, v, a = q[nodes], v[nodes], a[nodes]
         q[:, :3], q[:, 3:7] = positions[: len(nodes)], quaternions[: len(nodes)]
         found.append((q, v, a))
+        if switched and ends:
+            segment += 1
+            if segment < len(timeline.counts):
+                turned = _thrust_change(parameters, drive, timeline, segment, model, q[-1])
+                y[len(rest_v) :] += float(later[segment - 1]) * turned[free]  # type: ignore[index]
     q, v, a = (np.concatenate(x) for x in zip(*found, strict=True))
     return Prediction(model, timeline, q, v, a, rest_q, rest_v)
 
@@ -162,6 +170,24 @@ def _carry_motion(
         if accelerate(timeline.steps * STAGES + segment, y) is None:
             return timeline.steps * STAGES + segment
     return -1
+
+
+def _thrust_change(
+    parameters: Parameters,
+    drive: DrivenMotion,
+    timeline: Timeline,
+    segment: int,
+    model: pin.Model,
+    q: np.ndarray,
+) -> np.ndarray:
+    """Return accelerations (nv,), of what is free, just before a segment less those just after, at q (nq,)."""
+    ends = timeline.edges[segment - 1 : segment + 2]
+    force = applied_forces(parameters, drive, Timeline(ends, np.array([1, 1])))
+    before, after = force[-2], force[STAGES]
+    mass = symmetric(pin.crba(model, model.createData(), q))
+    out = np.zeros(model.nv)
+    out[drive.free] = np.linalg.solve(mass[np.ix_(drive.free, drive.free)], (before - after)[drive.free])
+    return out
 
 
 def symmetric(upper: np.ndarray) -> np.ndarray:

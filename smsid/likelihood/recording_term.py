@@ -23,6 +23,7 @@ from smsid.likelihood.input_noise import with_input_noise
 from smsid.likelihood.inputs import DrivenMotion, measured_drive
 from smsid.likelihood.nuisance_parameters import (
     CLOCK_KINDS,
+    SWITCH,
     Nuisance,
     NuisanceIndex,
     NuisanceValues,
@@ -72,6 +73,9 @@ class RecordingTerm:
         """Names of the local parameters."""
         out = []
         for s in self.slots:
+            if s.kind == SWITCH:
+                out += [f"{self.name}: {s.channel}.{s.kind}[{k}]" for k in range(s.size)]
+                continue
             for k in range(s.size):
                 axis = "xyz"[k % 3] if s.size > 1 else ""
                 station = f"[{k // 3}]" if s.size > 3 else ""
@@ -90,7 +94,8 @@ class RecordingTerm:
         if drive.thrust is not None and local.gain.any():
             factor = np.concatenate([1.0 + local.gain, np.ones(3)])
             drive = replace(drive, thrust=replace(drive.thrust, values=drive.thrust.values * factor))
-        return predict(parameters, drive, self.timeline, local.position, local.quaternion)
+        later = local.switch - self.timeline.edges[1:-1] if len(local.switch) else None
+        return predict(parameters, drive, self.timeline, local.position, local.quaternion, later)
 
     def driven(self, local: NuisanceValues) -> DrivenMotion:
         """Return the drive with the joints' motion and the clocks of what is measured, as in ``local``.

@@ -18,6 +18,13 @@ from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
+from smsid.likelihood.switch_times import (
+    may_switch_anywhere,
+    on_found_times,
+    switch_evidence,
+    switch_times,
+    with_switch_times,
+)
 
 ROUNDS = 6  # of choosing the samples near jumps
 PATIENCE = 25  # iterations after which clocks are doubted although the search has not come to rest
@@ -28,11 +35,15 @@ GROSS, RECENT = 10.0, 10  # times the stated noise that is left, and iterations 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search found, the sensors whose ``clocks`` had to be sought too, and all points visited."""
+    """What a search found, the sensors whose ``clocks`` had to be sought too, and all points visited.
+
+    ``switches``: thrust switches between samples of its command, at times that were sought.
+    """
 
     found: Fit
     clocks: tuple[str, ...]
     visits: tuple[Iterate, ...]
+    switches: bool = False
 
 
 def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> SearchResult:
@@ -40,30 +51,41 @@ def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> 
 
     A clock is doubted at the maximum without it (`worst_clock`), or where a search is that does not come to
     rest. Then the search begins anew: what a wrong clock leads to may be another maximum. A clock that turns
-    out to be right counts as such from then on.
+    out to be right counts as such from then on. So do times at which thrust switches (`switch_evidence`),
+    which are asked about first: no clock makes up for a wrong impulse, but several together do for a part.
 
     Raises `NotIdentifiableError` when the search does not come to rest.
     """
     names: list[str] = []
     right: set[str] = set()
     visits: list[Iterate] = []
-    own, point, seen = pieces, start.point, start
+    own, point, seen, switches = pieces, start.point, start, False
+    at_samples = not any(may_switch_anywhere(p) for p in pieces)
     while True:
         where, worst = _looked_around(own, point, prior, right, visits, seen)
         assert where.seen is not None
-        if worst is not None:
+        if not (switches or at_samples) and switch_evidence(where.pieces, where.seen, prior) > 0.0:
+            switches = True
+        elif worst is not None:
             names.append(worst)
         else:
             assert isinstance(where, Fit)
             more = right_clocks(where, names)
-            if not more:
-                return SearchResult(where, tuple(names), tuple(visits))
+            if switches and switch_evidence(where.pieces, where.seen, prior) < 0.0:
+                switches, at_samples = False, True
+            elif not more:
+                return SearchResult(where, tuple(names), tuple(visits), switches)
             right |= more
             names = [n for n in names if n not in more]
-        own = [p.with_clocks(names) for p in pieces]
+        own = [with_switch_times(p) if switches else p for p in pieces]
+        own = [p.with_clocks(names) for p in own]
         known = [x.clock for x in where.seen.point.locals]
         locals_ = tuple(
-            replace(x, clock={**zero_clocks(p.slots), **{n: k[n] for n in names if n in k}})
+            replace(
+                x,
+                clock={**zero_clocks(p.slots), **{n: k[n] for n in names if n in k}},
+                switch=switch_times(p),
+            )
             for p, x, k in zip(own, start.point.locals, known, strict=True)
         )
         point, seen = SearchPoint(start.point.parameters, locals_), None
@@ -137,8 +159,10 @@ def _search_maximum(
         found = fit(own, start, prior, patience, seen=seen if same else None)
         visits += found.visits
         moved = largest_clock_shift(start.locals, found.point.locals, found.pieces)
-        if moved < GUARD / 2:
+        switched = [on_found_times(p, x) for p, x in zip(pieces, found.point.locals, strict=True)]
+        if moved < GUARD / 2 and not any(switched):
             return found
+        pieces = [new or p for new, p in zip(switched, pieces, strict=True)]
         start, seen = _begun(pieces, found.point), None
     raise NotIdentifiableError(
         f"A clock moves by {moved:.3g} s from one search to the next: it cannot be told.",

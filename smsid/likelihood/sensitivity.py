@@ -12,6 +12,7 @@ nodes, and by those coefficients that act there (`Part.along`).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,7 +47,8 @@ class TransitionPart:
     ``nodes`` are those; ``step`` (nodes,) numbers the maps of the steps that start there, -1 where none does.
     ``first`` (nodes,) is the first coefficient that acts there. ``phi`` (steps, n, n), ``gamma`` (steps, n,
     k) by the k moving columns and ``gamma_motion`` (steps, n, WINDOW joints) by coefficients from the first
-    on, those of one time joint by joint. ``slope_state`` (nodes, free, n), ``slope_moving`` (nodes, free, k)
+    on, those of one time joint by joint. At a node after which thrust switches, x changes by ``kicks`` (n,)
+    with the column that is that switch's time. ``slope_state`` (nodes, free, n), ``slope_moving`` (nodes, free, k)
     and ``slope_motion`` (nodes, free, WINDOW joints): free accelerations.
     """
 
@@ -60,6 +62,7 @@ class TransitionPart:
     slope_state: np.ndarray
     slope_moving: np.ndarray
     slope_motion: np.ndarray
+    kicks: Mapping[int, tuple[int, np.ndarray]]
 
     def along(self, nodes: slice, common: int) -> np.ndarray:
         """Return the derivatives of x (nodes, n, n + common + joints coefficients) at some of the nodes.
@@ -77,6 +80,8 @@ class TransitionPart:
         for place, node in enumerate(own):
             out[place] = x
             step = self.step[node]
+            if place + 1 < len(own) and (kick := self.kicks.get(node)) is not None:
+                x[:, n + kick[0]] += kick[1]
             if step >= 0 and place + 1 < len(own):
                 x = self.phi[step] @ x
                 x[:, n : n + k] += self.gamma[step]
@@ -90,9 +95,10 @@ class TransitionPart:
 class VariationalEquations:
     """The variational equations of a prediction, to be made part by part.
 
-    Columns: the moving ones among parameters, thrust gains and running clocks (``moving`` (k,) of them,
-    numbered in this order), and ``coefficients`` of the measured motion of the joints ``follow``. ``first``
-    (nodes,) is the first of them that acts at a node.
+    Columns: the moving ones among parameters, thrust gains, running clocks and times at which thrust switches
+    (``moving`` (k,) of them, numbered in this order), and ``coefficients`` of the measured motion of the
+    joints ``follow``. ``first`` (nodes,) is the first of them that acts at a node. The last ``switches`` of
+    the k are the switches, each at the end of a segment.
     """
 
     parameters: Parameters
@@ -103,6 +109,7 @@ class VariationalEquations:
     follow: np.ndarray
     moving: np.ndarray
     first: np.ndarray
+    switches: int = 0
 
     @property
     def rows(self) -> int:
@@ -134,9 +141,10 @@ class VariationalEquations:
             None if self.thrust is None else self.thrust[wide],
             None if self.clocks is None else self.clocks[wide],
             self.follow,
-            self.moving,
+            self.moving[: len(self.moving) - self.switches],
         )
         k, count = len(self.moving), steps.stop - steps.start
+        still = k - self.switches  # what comes after it acts between segments only
         velocity = POSE + len(here.rest_v)
         h, width = timeline.h[steps], WINDOW * len(self.follow)
         first = self.first[timeline.step_node[steps]]
@@ -145,9 +153,9 @@ class VariationalEquations:
         own, motion = (
             timeline.at_stages(x, steps, wide.start) for x in (linear.by_parameter, linear.by_motion)
         )
-        drives = np.empty((count, len(PLACES), len(self.drive.free), k + width))
+        drives = np.zeros((count, len(PLACES), len(self.drive.free), k + width))
         for i, c in enumerate(PLACES):
-            drives[:, i, :, :k] = own[c]
+            drives[:, i, :, :still] = own[c]
             times = timeline.step_starts[steps] + c * h
             drives[:, i, :, k:] = self._following_accelerations(motion[c], times, first)
         gamma = ends.reshape(count, self.rows, -1) @ drives.reshape(count, -1, k + width)
@@ -164,9 +172,24 @@ class VariationalEquations:
             gamma[:, :, :k],
             gamma[:, :, k:],
             linear.by_state[inner],
-            linear.by_parameter[inner],
+            np.pad(linear.by_parameter[inner], ((0, 0), (0, 0), (0, self.switches))),
             self._following_accelerations(linear.by_motion[inner], times, self.first[nodes]),
+            self._kicks(nodes),
         )
+
+    def _kicks(self, nodes: slice) -> dict[int, tuple[int, np.ndarray]]:
+        """Return, by place among some nodes, of each switch of thrust its column and what x (n,) changes by
+        where it is a second later: accelerations just before it less those just after.
+        """
+        out, first = {}, len(self.moving) - self.switches
+        ends = np.cumsum(self.prediction.timeline.counts + 1)[:-1] - 1
+        for column, end in enumerate(ends[: self.switches].tolist(), start=first):
+            if nodes.start <= end < nodes.stop:
+                kick = np.zeros(self.rows)
+                change = self.prediction.a[end] - self.prediction.a[end + 1]
+                kick[self.rows - len(self.drive.free) :] = change[self.drive.free]
+                out[end - nodes.start] = column, kick
+        return out
 
     def start(self) -> np.ndarray:
         """Return the derivatives of x at the first node (n, 6 + k + WINDOW joints).
@@ -184,10 +207,13 @@ class VariationalEquations:
         gains = 0 if self.thrust is None else self.thrust.shape[2]
         prescribed = np.concatenate(moved, axis=2)
         found = start_velocities(self.parameters, self.drive.free, self.prediction, gains, prescribed)
-        kept = np.r_[self.moving, found.shape[1] - WINDOW * joints : found.shape[1]]
-        out = np.zeros((self.rows, POSE + len(kept)))
+        still = len(self.moving) - self.switches
+        out = np.zeros((self.rows, POSE + len(self.moving) + WINDOW * joints))
         out[:POSE, :POSE] = np.eye(POSE)
-        out[self.rows - len(found) :, POSE:] = found[:, kept]
+        out[self.rows - len(found) :, POSE : POSE + still] = found[:, self.moving[:still]]
+        out[self.rows - len(found) :, POSE + len(self.moving) :] = found[
+            :, found.shape[1] - WINDOW * joints :
+        ]
         return out
 
     def _rates(
@@ -227,8 +253,9 @@ def variation(
     clocks: np.ndarray | None,
     *,
     motion: bool,
+    switches: int = 0,
 ) -> VariationalEquations:
-    """Return the variational equations of a prediction.
+    """Return the variational equations of a prediction, with times of the first so many ``switches``.
 
     ``thrust`` (nodes, nv, 3): force per unit gain, by axis, when gains are sought. ``clocks`` (nodes, nv, 3,
     c): prescribed angle, rate and acceleration by offsets and drifts of the clocks they run by, when those
@@ -249,4 +276,7 @@ def variation(
     found = linearise(parameters, drive, probe, None, None, follow, every[: parameters.size])
     moves = np.ones(size, dtype=bool)
     moves[: parameters.size] = found.by_parameter.any(axis=(0, 1))
-    return VariationalEquations(parameters, drive, prediction, thrust, clocks, follow, every[moves], first)
+    moving = np.append(every[moves], size + np.arange(switches))
+    return VariationalEquations(
+        parameters, drive, prediction, thrust, clocks, follow, moving, first, switches
+    )

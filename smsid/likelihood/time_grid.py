@@ -90,8 +90,11 @@ class Timeline:
         """The grid with steps twice as long."""
         return Timeline(self.edges, self.counts // 2)
 
-    def parts(self, most: int) -> Iterator[tuple[Timeline, bool]]:
-        """Yield it in parts of ``most`` steps, the last of fewer, and whether each ends with a segment."""
+    def parts(self, most: int, *, whole: bool = False) -> Iterator[tuple[Timeline, bool]]:
+        """Yield it in parts of ``most`` steps, the last of fewer, and whether each ends with a segment.
+
+        ``whole``: every segment ends a part.
+        """
         edges, counts = [float(self.edges[0])], []
         for (a, b), n in zip(itertools.pairwise(self.edges.tolist()), self.counts.tolist(), strict=True):
             done = 0
@@ -99,7 +102,7 @@ class Timeline:
                 counts.append(min(n - done, most - sum(counts)))
                 done += counts[-1]
                 edges.append(b if done == n else a + (b - a) * done / n)
-                if sum(counts) == most or edges[-1] == self.edges[-1]:
+                if sum(counts) == most or edges[-1] == self.edges[-1] or (whole and done == n):
                     yield Timeline(np.array(edges), np.array(counts)), done == n
                     edges, counts = edges[-1:], []
 

@@ -227,7 +227,13 @@ def _restore_beginning(f: ParameterFilter, told: dict[str, Any], arrays: dict[st
     inputs = [_inputs(x, k, arrays) for k, x in enumerate(told.get("inputs", ()))]
     commanded = [(inputs[k], substep) for k, substep in told["commanded"]] or [()] * len(told["shapes"])
     for (edges, values, attitudes, *drive), asked in zip(zip(*own, strict=True), commanded, strict=True):
-        f.since.append((edges, Drive._make((*drive, *f.forces, f.input_noise)), values, attitudes, asked))
+        f.since.append(
+            (edges, Drive._make((*drive, _no_jumps(f), *f.forces, f.input_noise)), values, attitudes, asked)
+        )
+
+
+def _no_jumps(f: ParameterFilter) -> np.ndarray:
+    return np.zeros((0, f.nv))  # a tracker takes commands for jumping at samples
 
 
 def description_digest(description: Description) -> str:

@@ -76,7 +76,7 @@ def test_between_jumps_commands_vary_linearly():
     values = np.column_stack([np.sin(0.7 * TIMES), np.cos(0.3 * TIMES)])
     values[8:] += [3.0, 0.0]
     assert np.argwhere(jump_intervals(values)).tolist() == [[7, 0]]
-    signal = Sampled.from_samples(*_with_ramps(TIMES, values), 1)
+    signal = Sampled.from_samples(*_with_ramps(TIMES, values, jump_intervals(values)), 1)
     edges = np.array([0.0, 0.2, 0.35, 0.39, 0.4, 0.45, 1.0])
     linear = Sampled.from_samples(TIMES, values, 1)
     expected = means(linear, edges)
@@ -92,11 +92,24 @@ def test_a_jump_at_the_last_sample_is_no_slope():
     values = np.column_stack([np.sin(0.7 * TIMES), np.cos(0.3 * TIMES)])
     values[-1, 0] += 3.0
     assert jump_intervals(values)[-1].tolist() == [True, False]
-    signal = Sampled.from_samples(*_with_ramps(TIMES, values), 1)
+    signal = Sampled.from_samples(*_with_ramps(TIMES, values, jump_intervals(values)), 1)
     np.testing.assert_allclose(limits(signal, TIMES[-1:], "right")[0], values[-1], atol=1e-6)
     np.testing.assert_allclose(
         limits(signal, TIMES[-1:], "left")[0], [values[-2, 0], values[-1, 1]], atol=1e-6
     )
+
+
+def test_what_is_held_may_jump_slowly():
+    """Only what jumps by itself goes straight to its next value; steps beside it are held."""
+    jump = np.where(TIMES < 0.35, 1.0, -3.0)
+    values = np.column_stack([np.random.default_rng(1).standard_normal(len(TIMES)), jump])
+    at = jump_intervals(values)
+    assert at[:, 1].sum() == 1
+    slow = Sampled.from_samples(*_with_ramps(TIMES, values, ~at), 1)
+    held = Sampled.from_samples(TIMES, values, 0)
+    found, before = means(slow, TIMES), means(held, TIMES)
+    np.testing.assert_allclose(found[~at], before[~at], atol=1e-6)
+    np.testing.assert_allclose(found[at[:, 1], 1], -1.0, atol=1e-6)
 
 
 def test_what_commands_look_like():
@@ -117,7 +130,7 @@ def test_a_pulse_of_one_sample_is_two_jumps():
 
 def test_times_since_the_epoch_may_have_ramps():
     values = np.sign(TIMES - 0.48)[:, None]
-    times, _ = _with_ramps(1.7e9 + TIMES, values)
+    times, _ = _with_ramps(1.7e9 + TIMES, values, jump_intervals(values))
     assert (np.diff(times) > 0.0).all()
 
 
