@@ -52,7 +52,7 @@ from smsid.estimation.joint_problem import (
     with_timing_of,
 )
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.moving_start import with_likely_start, with_start_of
+from smsid.estimation.moving_start import likelier_start, with_likely_start, with_start_of
 from smsid.estimation.parameter_vector import JointPrior, Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.identify.estimate import Estimate
@@ -174,6 +174,12 @@ def _diagnose(
     fewer = f"{count} of {len(whole.times)} samples looked at" if count < len(whole.times) else ""
     candidates = propose(point, problem, known.unknowns)
     found = searched(problem, point)
+    moves = likelier_start(found.nominal, found.last) if found.causes or found.left else None
+    if moves is not None:
+        LOGGER.info("it does not begin at rest")
+        read = with_start_of(read, moves)
+        problem = with_likely_timing(point, looked_at(faults), now=False)
+        found = searched(problem, point, found)
     problem = with_timing_of(problem, found.last.problem)
     rests = resting_channels(found.last, whole, faults)
     if rests:

@@ -19,7 +19,7 @@ from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import fit
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.moving_start import with_likely_start
+from smsid.estimation.moving_start import start_like
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem
 from smsid.model.spacecraft import SpacecraftModel
@@ -140,7 +140,7 @@ def read_like(
     data, held = replace(fresh, sigma=sigma), locked_coordinates(model, recording)
     noise = replace(like.noise, shapes=())  # open loop nothing makes up for them
     problem = replace(like, recording=recording, data=data, locked=held, parts=(), noise=noise)
-    problem = with_likely_start(point, problem)
+    problem = start_like(point, problem, like)
     return model, at_point(fit(point, own, problem, iterations=OWN).point, problem) if own else problem
 
 

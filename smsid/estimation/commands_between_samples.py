@@ -112,8 +112,8 @@ def notes_on_commands(flight: Flight) -> list[str]:
     if not flight.problem.timing.anywhere:
         return []
     return [
-        "commands jump between their samples, not at one of them: when is not known, and counts in intervals. "
-        "Record on-times, or commands faster"
+        "commands jump between their samples, not at one of them: when is not known, and counts in "
+        "intervals. Record on-times, or commands faster"
     ]
 
 

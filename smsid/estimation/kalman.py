@@ -248,10 +248,10 @@ def with_moves(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return q (nq,) and v (nv,) with hidden coordinates where they begin, of joints that the model has."""
     q, v = q.copy(), v.copy()
-    for joint, at, rate in moves:
-        if model.pin.existJointName(joint):
-            own = model.pin.joints[model.pin.getJointId(joint)]
-            q[own.idx_q : own.idx_q + own.nq], v[own.idx_v : own.idx_v + own.nv] = at, rate
+    for move in moves:
+        if model.pin.existJointName(move.joint):
+            own = model.pin.joints[model.pin.getJointId(move.joint)]
+            q[own.idx_q : own.idx_q + own.nq], v[own.idx_v : own.idx_v + own.nv] = move.at, move.rate
     return q, v
 
 
@@ -276,6 +276,12 @@ def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
             sigma[rates[b.quantity][0]] = rates[b.quantity][1]  # at rest for want of a reading
     index = hidden_coordinates(model)
     sigma[index], sigma[nv + index] = problem.noise.hidden
+    for move in problem.moves:
+        if move.sigmas and model.pin.existJointName(move.joint):
+            own = model.pin.joints[model.pin.getJointId(move.joint)]
+            for first in (0, nv):
+                half = move.sigmas[: own.nv] if not first else move.sigmas[own.nv :]
+                sigma[first + own.idx_v : first + own.idx_v + own.nv] = half
     sigma[problem.locked], sigma[nv + problem.locked] = 1e-3, 1e-9
     return np.diag(sigma**2)
 

@@ -8,6 +8,7 @@ know by how much its derivatives mislead it.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -23,7 +24,7 @@ from smsid.estimation.input_timing import CLEAR_GAIN, FOLLOWED_RATIO, MISFIT_RAT
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import KalmanFilter, hidden_coordinates, run_filter
 from smsid.estimation.loosening import loosen_model, thin_flight
-from smsid.estimation.map_estimate import fit
+from smsid.estimation.map_estimate import MapFit, fit
 from smsid.estimation.normal_equations import problem_at
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Belief, MovingStart, Problem, ProcessNoise, recordings_of
@@ -60,9 +61,72 @@ def with_likely_start(point: Point, problem: Problem, unknowns: Sequence[Unknown
     except (SimulationError, np.linalg.LinAlgError) as error:
         LOGGER.info("not moving: %s", error)
         return rests
-    far = max(_distance(m) for m in [moving.moves, *(p.moves for p in moving.parts)])
+    far = max(map(_distance, _starts(moving)))
     LOGGER.info("begun in motion, %.3g sigma from rest: %.3g times the noise is left", far, left)
     return moving if left <= NOISE_RATIO and far > FAR_AND_LACKING else rests
+
+
+def likelier_start(nominal: MapFit, last: MapFit) -> Problem | None:
+    """Return the problem of a diagnosis with hidden joints that move as recordings begin, where that explains
+    them better than what was found from rest: without any cause the likelihood of a ``nominal`` model is
+    larger than that of the ``last``, with causes; ``None`` elsewhere.
+
+    It is the mean over starts about rest, each coordinate's variance being about the likeliest
+    (`_about_rest`). What causes have more of it at their most likely values than in the mean is taken off
+    after Schwarz (Ann. Statist. 6 (1978) 461): half the logarithm of the number of samples a parameter.
+    """
+    problem = last.problem
+    if problem.moves or any(p.moves for p in problem.parts) or not len(_moving_joints(nominal.point.model())):
+        return None
+    more = len(last.unknowns) - len(nominal.unknowns)
+    cost = last.objective + 0.5 * more * math.log(len(problem.data.times))
+    begun, point = replace(problem, noise=nominal.problem.noise), nominal.point
+    try:
+        for _ in range(LOOKS):
+            there = fit(point, nominal.unknowns, _about_rest(point, begun), iterations=STEPS)
+            point = there.point
+            LOGGER.info("begun about rest: %.7g, from rest with causes %.7g", there.objective, cost)
+        return _in_motion(point, begun) if there.objective < cost else None
+    except (SimulationError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not moving: %s", error)
+        return None
+
+
+def start_like(point: Point, problem: Problem, like: Problem) -> Problem:
+    """Return a problem of a held-out recording that begins as is likeliest under a point: at rest, in motion
+    where that explains it (`with_likely_start`), or, after others that begin in motion (``like``), about
+    rest.
+    """
+    begun = with_likely_start(point, problem)
+    if begun.moves or like.noise.hidden == ProcessNoise().hidden or not len(_moving_joints(point.model())):
+        return begun
+    try:
+        about = _about_rest(point, problem)
+        rests, moves = (run_filter(point.model(), at_point(point, p)).log_likelihood for p in (begun, about))
+        return _in_motion(point, problem) if moves > rests + CLEAR_GAIN else begun
+    except (SimulationError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not begun about rest: %s", error)
+        return begun
+
+
+def _about_rest(point: Point, problem: Problem) -> Problem:
+    """Return a problem whose hidden joints begin at rest, each coordinate and rate with a standard deviation
+    of what all readings have it at, but for those that begin closer to rest than that is known.
+
+    Source: the relevance of MacKay, Neural Comput. 4 (1992) 415, section 5: variances of single parameters.
+    """
+    rest, parts = ProcessNoise().hidden, []
+    for moves in _starts(_in_motion(point, problem)):
+        own = []
+        for m in moves:
+            sigmas = [max(abs(x), s) for values, s in zip((m.at, m.rate), rest, strict=True) for x in values]
+            own.append(MovingStart(m.joint, (0.0,) * len(m.at), (0.0,) * len(m.rate), tuple(sigmas)))
+        parts.append(tuple(own))
+    return _begun(problem, rest, parts)
+
+
+def _starts(problem: Problem) -> list[tuple[MovingStart, ...]]:
+    return [p.moves for p in problem.parts] or [problem.moves]
 
 
 def _distance(moves: Sequence[MovingStart]) -> float:
@@ -124,7 +188,7 @@ def _moving_joints(model: SpacecraftModel) -> np.ndarray:
 
 def with_start_of(problem: Problem, other: Problem) -> Problem:
     """Return a problem whose recordings begin as in another of the same."""
-    return _begun(problem, other.noise.hidden, [p.moves for p in other.parts] or [other.moves])
+    return _begun(problem, other.noise.hidden, _starts(other))
 
 
 def _in_motion(point: Point, problem: Problem) -> Problem:

@@ -124,12 +124,14 @@ def unknown_sigmas(inputs: Sequence[UnknownInput]) -> np.ndarray:
 
 class MovingStart(NamedTuple):
     """A hidden joint that is not at rest as a recording begins: where it is about, ``at`` (nq,) [m, or as the
-    mode has it], and its ``rate`` (nv,).
+    mode has it], and its ``rate`` (nv,). ``sigmas`` (2 nv,) are standard deviations of both, where they are
+    not those of the noise.
     """
 
     joint: str
     at: tuple[float, ...]
     rate: tuple[float, ...]
+    sigmas: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

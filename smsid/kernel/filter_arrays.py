@@ -55,9 +55,10 @@ class Model(NamedTuple):
 class Drive(NamedTuple):
     """Applied forces: at samples (n, nv), in the middle and over substeps between them (N, nv), (N, s, nv),
     their half rises; just before and after samples (n, nv); by how much they change with parameters
-    (n, d, nv), (N, d, nv). In intervals where a command switches at a time that is not known, its force errs
-    by ``jumps`` (N, nv), all together, in the mean over the interval (none: (0, nv)). Unknown inputs act on ``acts`` (k,), have rates in the state where ``sloped`` (j,)
-    and wander by ``walk`` (3, k + j) a second; ``noise`` (nv,) is the variance of what is held.
+    (n, d, nv), (N, d, nv). In intervals where a command switches at a time that is not known, they err by
+    ``jumps`` (N, nv), all together, in the mean over the interval (none: (0, nv)). Unknown inputs act on
+    ``acts`` (k,), have rates in the state where ``sloped`` (j,) and wander by ``walk`` (3, k + j) a second;
+    ``noise`` (nv,) is the variance of what is held.
     """
 
     at: np.ndarray

@@ -180,7 +180,7 @@ def _thrust_change(
     model: pin.Model,
     q: np.ndarray,
 ) -> np.ndarray:
-    """Return accelerations (nv,), of what is free, just before a segment less those just after, at q (nq,)."""
+    """Return accelerations (nv,), of what is free, just before a segment less those after, at q (nq,)."""
     ends = timeline.edges[segment - 1 : segment + 2]
     force = applied_forces(parameters, drive, Timeline(ends, np.array([1, 1])))
     before, after = force[-2], force[STAGES]

@@ -48,8 +48,8 @@ class TransitionPart:
     ``first`` (nodes,) is the first coefficient that acts there. ``phi`` (steps, n, n), ``gamma`` (steps, n,
     k) by the k moving columns and ``gamma_motion`` (steps, n, WINDOW joints) by coefficients from the first
     on, those of one time joint by joint. At a node after which thrust switches, x changes by ``kicks`` (n,)
-    with the column that is that switch's time. ``slope_state`` (nodes, free, n), ``slope_moving`` (nodes, free, k)
-    and ``slope_motion`` (nodes, free, WINDOW joints): free accelerations.
+    with the column that is that switch's time. ``slope_state`` (nodes, free, n), ``slope_moving`` (nodes,
+    free, k) and ``slope_motion`` (nodes, free, WINDOW joints): free accelerations.
     """
 
     nodes: slice
@@ -210,10 +210,9 @@ class VariationalEquations:
         still = len(self.moving) - self.switches
         out = np.zeros((self.rows, POSE + len(self.moving) + WINDOW * joints))
         out[:POSE, :POSE] = np.eye(POSE)
-        out[self.rows - len(found) :, POSE : POSE + still] = found[:, self.moving[:still]]
-        out[self.rows - len(found) :, POSE + len(self.moving) :] = found[
-            :, found.shape[1] - WINDOW * joints :
-        ]
+        rates, motion = slice(self.rows - len(found), None), found.shape[1] - WINDOW * joints
+        out[rates, POSE : POSE + still] = found[:, self.moving[:still]]
+        out[rates, POSE + len(self.moving) :] = found[:, motion:]
         return out
 
     def _rates(

@@ -227,9 +227,8 @@ def _restore_beginning(f: ParameterFilter, told: dict[str, Any], arrays: dict[st
     inputs = [_inputs(x, k, arrays) for k, x in enumerate(told.get("inputs", ()))]
     commanded = [(inputs[k], substep) for k, substep in told["commanded"]] or [()] * len(told["shapes"])
     for (edges, values, attitudes, *drive), asked in zip(zip(*own, strict=True), commanded, strict=True):
-        f.since.append(
-            (edges, Drive._make((*drive, _no_jumps(f), *f.forces, f.input_noise)), values, attitudes, asked)
-        )
+        drives = Drive._make((*drive, _no_jumps(f), *f.forces, f.input_noise))
+        f.since.append((edges, drives, values, attitudes, asked))
 
 
 def _no_jumps(f: ParameterFilter) -> np.ndarray:

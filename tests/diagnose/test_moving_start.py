@@ -5,11 +5,14 @@ import pytest
 
 from smsid.diagnose import diagnose
 from smsid.diagnose.validation import read_like
+from smsid.effects import JointFriction
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.kalman import first_state
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.moving_start import with_likely_start
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
+from smsid.experiments import fly, named_experiment
+from smsid.model import build_model
 from smsid.recording import Recording
 
 REST = ProcessNoise().hidden
@@ -64,6 +67,53 @@ def test_a_window_of_a_flight_is_explained(description, window):
     found = diagnose(description, [window]).diagnosis
     assert found.verdict == "adequate", found.sentence
     assert found.whitened_rms["nominal"] == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.fixture(scope="module")
+def gently(description):
+    """Ten seconds of a flight with a tenth of the thrust: the tank begins 24 cm off, or at rest."""
+
+    def begun(share, begin, seed):
+        model = build_model(description)
+        plan = named_experiment("exp1", model)
+        values = tuple(tuple(share * x for x in v) for v in plan.force.values)
+        changed = {"duration": begin + 10.0, "force": plan.force.model_copy(update={"values": values})}
+        flight = fly(model, plan.model_copy(update=changed), np.random.default_rng(seed)).recording
+        return flight.window(begin, begin + 10.0)
+
+    return begun
+
+
+@pytest.mark.parametrize("begin", [30.0, 0.0])
+def test_a_start_near_rest_is_no_cause(description, gently, begin):
+    """A tank 24 cm off its place, believed at rest, was a thermal snap; others were masses and gains."""
+    window = gently(0.1, begin, 1)
+    found = diagnose(description, [window]).diagnosis
+    assert found.verdict == "adequate", found.sentence
+    assert not found.causes
+
+
+def test_a_cause_is_none_of_a_start(description, flown):
+    """From rest, with a wheel's friction that nobody lists."""
+    drag = JointFriction(name="drag", joint="wheel_x", viscous=2e-3)
+    rubs = fly(
+        build_model(description.with_effects(drag)),
+        named_experiment("exp2", build_model(description)).model_copy(update={"duration": 10.0}),
+        np.random.default_rng(2),
+    ).recording
+    found = diagnose(description, [rubs]).diagnosis
+    assert [c.location for c in found.causes] == ["wheel_x"], found.sentence
+    assert [c.family for c in found.causes] == ["friction"]
+
+
+def test_a_held_out_window_begins_about_rest(known, gently):
+    """After others that begin in motion; else it is taken for begun at rest."""
+    window = gently(0.1, 30.0, 1)
+    after = as_problem(known, window, ProcessNoise(hidden=InitialPrior().hidden))
+    begun = [
+        read_like(known.point, window, p, 10.0)[1] for p in (after, as_problem(known, window, ProcessNoise()))
+    ]
+    assert [bool(p.moves) for p in begun] == [True, False]
 
 
 def test_a_flight_held_out_begins_in_its_own_way(known, whole, window):

@@ -103,10 +103,8 @@ def test_momentum_is_as_uncertain_as_the_time_of_a_switch(true_point, slower):
     model, problem = at_truth(true_point, recording, ANYWHERE)
     kalman, sudden = (KalmanFilter(model, replace(problem, timing=t)) for t in (ANYWHERE, EXACT))
     edges = np.asarray(problem.data.times, dtype=float)
-    added = (
-        smoothed_states(model, kalman.problem).covariance - smoothed_states(model, sudden.problem).covariance
-    )
-    spread, span = added[-1, model.nv, model.nv], 0.1 * n
+    known = [smoothed_states(model, x.problem).covariance[-1, model.nv, model.nv] for x in (kalman, sudden)]
+    spread, span = known[0] - known[1], 0.1 * n
     mass = true_values(RIGID, tank=False, panel=False)["bus.m"]
     after = edges[-1] - times[2 * n]
     assert after > 0.0

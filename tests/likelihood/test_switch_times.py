@@ -46,7 +46,7 @@ def outputs(piece: RecordingTerm, local, parameters):
 
 
 def test_derivatives_are_those_of_a_grid_that_ends_elsewhere():
-    """No impulse there: thrust is predicted as it is, up to its end a tenth of a millisecond to both sides."""
+    """No impulse there: thrust is predicted as it is, to its end a tenth of a millisecond to both sides."""
     piece, local, parameters = sought(40.0)
     times, step = switch_times(piece), 1e-4
     (slot,) = (s for s in piece.slots if s.kind == SWITCH)
