@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
+from smsid.diagnose.hidden_start import likelier_start, with_likely_start
 from smsid.diagnose.hold_rivals import as_inputs_act
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import FOLLOWED
@@ -52,7 +53,7 @@ from smsid.estimation.joint_problem import (
     with_timing_of,
 )
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.moving_start import likelier_start, with_likely_start, with_start_of
+from smsid.estimation.moving_start import with_start_of
 from smsid.estimation.parameter_vector import JointPrior, Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.identify.estimate import Estimate

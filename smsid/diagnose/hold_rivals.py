@@ -13,9 +13,10 @@ import numpy as np
 
 from smsid.diagnose.exchange_step import without_cause
 from smsid.diagnose.stepwise import Search
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.errors import SmsidError
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.input_timing import CLEAR_GAIN, NOISE_RATIO, timings
+from smsid.estimation.input_timing import CLEAR_GAIN, timings
 from smsid.estimation.joint_problem import with_likely_timing
 from smsid.estimation.map_estimate import MapFit, fit
 from smsid.estimation.problem import CommandTiming, Problem, recordings_of
@@ -38,7 +39,7 @@ def as_inputs_act(found: Search) -> Problem:
     late = [c for c in causes if c.effect is not None and c.effect.shifts_time]
     if not late:
         likely = with_likely_timing(last.point, last.problem)
-        return likely if normalised_rmse(last.run) < NOISE_RATIO else _refitted(last, likely)
+        return likely if normalised_rmse(last.run) < THRESHOLDS.noise_left else _refitted(last, likely)
     paid = apart + sum(len(c.free) for c in late) * float(np.log(found.samples))
     chosen, best = last.problem, 2.0 * last.objective + paid
     for choice in dict.fromkeys(t for p in recordings_of(last.problem) for t in timings(p.recording)):

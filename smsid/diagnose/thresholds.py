@@ -62,6 +62,10 @@ class DetectionThresholds:
     lost: float = _row(1.0, MOTION, "that the nominal fit leaves: no motion predicts it too", "definition")
     misfit: float = _row(10.0, NOISE, "over all channels, above which what is not followed is counted")
     followed: float = _row(2.0, NOISE, "below which the model is taken to follow again")
+    noise_left: float = _row(1.1, NOISE, "up to which a model leaves nothing but noise")
+    far_start: float = _row(
+        4.0, SIGMAS, "of 0.3 m, beyond which a start in motion is believed before a search", "one recording"
+    )
     alone: float = _row(0.5, "of the squares", "of errors, that go with a channel that strays by itself")
     noise_told: int = _row(50, "samples", "below which a component says nothing of its noise")
     spectrum: int = _row(8, "segments", "of the spectrum that misfit is read from", "simulated errors")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid.diagnose.hidden_start import start_like
 from smsid.diagnose.open_loop import open_loop
 from smsid.diagnose.outliers import outliers
 from smsid.diagnose.priors import sensor_errors
@@ -19,7 +20,6 @@ from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import fit
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.moving_start import start_like
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem
 from smsid.model.spacecraft import SpacecraftModel

@@ -23,7 +23,6 @@ MISFIT_RATIO = 10.0  # times its noise that the model leaves, over all channels,
 CLEAR_GAIN = 5.0  # of the log-likelihood, with which commands are taken to act otherwise
 HOPELESS_LOSS = 50.0  # in log-likelihood over the first samples, by which a way is out: 10 times `CLEAR_GAIN`
 PARTS = 4  # as many parts as the samples have, of which the first is filtered at first in a second look
-NOISE_RATIO = 1.1  # times its noise that a model leaves at most, where nothing but noise is left
 FOLLOWED_RATIO = 1.5  # times its noise, below which that part tells: what is not followed prefers anything
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import diagnose
+from smsid.diagnose.hidden_start import with_likely_start
 from smsid.diagnose.validation import read_like
 from smsid.effects import JointFriction
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.kalman import first_state
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.moving_start import with_likely_start
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model

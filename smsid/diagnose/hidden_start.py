@@ -1,0 +1,121 @@
+"""Whether slosh and panels rest or move as a recording that is diagnosed begins.
+
+A recording that begins at rest tells more if that is known, and a start in motion takes the place of much
+that a model lacks; one that begins in motion and is taken for rest shows causes that are none.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.errors import SimulationError
+from smsid.estimation.initial_state import InitialPrior
+from smsid.estimation.innovations import normalised_rmse
+from smsid.estimation.input_timing import CLEAR_GAIN, FOLLOWED_RATIO, MISFIT_RATIO
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.kalman import run_filter
+from smsid.estimation.map_estimate import MapFit, fit
+from smsid.estimation.moving_start import LOOKS, begun_so, in_motion, moving_joints, starts_of
+from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.problem import MovingStart, Problem, ProcessNoise
+
+LOGGER = logging.getLogger(__name__)
+STEPS = 3  # of a fit
+
+
+def with_likely_start(point: Point, problem: Problem, unknowns: Sequence[Unknown] = ()) -> Problem:
+    """Return a problem of a diagnosis whose hidden joints begin at rest, or in motion where that explains it.
+
+    In motion they begin about where all readings put them, with the standard deviations of `InitialPrior`. A
+    recording that begins at rest tells more if that is known, and a start in motion takes the place of much
+    that a model lacks: it is believed only where it is far from rest, and where the model does not follow
+    from rest and leaves noise from there, some steps of a fit of ``unknowns`` on.
+    """
+    rests = begun_so(problem, ProcessNoise().hidden, [()] * max(1, len(problem.parts)))
+    if not len(moving_joints(point.model())):
+        return rests
+    try:
+        if normalised_rmse(run_filter(point.model(), at_point(point, rests))) < FOLLOWED_RATIO:
+            return rests
+        moving = in_motion(point, problem)
+        left = normalised_rmse(run_filter(point.model(), at_point(point, moving)))
+        if THRESHOLDS.noise_left < left <= MISFIT_RATIO and unknowns:
+            there = fit(point, unknowns, moving, iterations=STEPS)
+            moving, left = in_motion(there.point, problem), normalised_rmse(there.run)
+    except (SimulationError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not moving: %s", error)
+        return rests
+    far = max(map(_distance, starts_of(moving)))
+    LOGGER.info("begun in motion, %.3g sigma from rest: %.3g times the noise is left", far, left)
+    return moving if left <= THRESHOLDS.noise_left and far > THRESHOLDS.far_start else rests
+
+
+def likelier_start(nominal: MapFit, last: MapFit) -> Problem | None:
+    """Return the problem of a diagnosis with hidden joints that move as recordings begin, where that explains
+    them better than what was found from rest: without any cause the likelihood of a ``nominal`` model is
+    larger than that of the ``last``, with causes; ``None`` elsewhere.
+
+    It is the mean over starts about rest, each coordinate's variance being about the likeliest
+    (`_about_rest`). What causes have more of it at their most likely values than in the mean is taken off
+    after Schwarz (Ann. Statist. 6 (1978) 461): half the logarithm of the number of samples a parameter.
+    """
+    problem = last.problem
+    if problem.moves or any(p.moves for p in problem.parts) or not len(moving_joints(nominal.point.model())):
+        return None
+    more = len(last.unknowns) - len(nominal.unknowns)
+    cost = last.objective + 0.5 * more * math.log(len(problem.data.times))
+    begun, point = replace(problem, noise=nominal.problem.noise), nominal.point
+    try:
+        for _ in range(LOOKS):
+            there = fit(point, nominal.unknowns, _about_rest(point, begun), iterations=STEPS)
+            point = there.point
+            LOGGER.info("begun about rest: %.7g, from rest with causes %.7g", there.objective, cost)
+        return in_motion(point, begun) if there.objective < cost else None
+    except (SimulationError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not moving: %s", error)
+        return None
+
+
+def start_like(point: Point, problem: Problem, like: Problem) -> Problem:
+    """Return a problem of a held-out recording that begins as is likeliest under a point: at rest, in motion
+    where that explains it (`with_likely_start`), or, after others that begin in motion (``like``), about
+    rest.
+    """
+    begun = with_likely_start(point, problem)
+    if begun.moves or like.noise.hidden == ProcessNoise().hidden or not len(moving_joints(point.model())):
+        return begun
+    try:
+        about = _about_rest(point, problem)
+        rests, moves = (run_filter(point.model(), at_point(point, p)).log_likelihood for p in (begun, about))
+        return in_motion(point, problem) if moves > rests + CLEAR_GAIN else begun
+    except (SimulationError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not begun about rest: %s", error)
+        return begun
+
+
+def _about_rest(point: Point, problem: Problem) -> Problem:
+    """Return a problem whose hidden joints begin at rest, each coordinate and rate with a standard deviation
+    of what all readings have it at, but for those that begin closer to rest than that is known.
+
+    Source: the relevance of MacKay, Neural Comput. 4 (1992) 415, section 5: variances of single parameters.
+    """
+    rest, parts = ProcessNoise().hidden, []
+    for moves in starts_of(in_motion(point, problem)):
+        own = []
+        for m in moves:
+            sigmas = [max(abs(x), s) for values, s in zip((m.at, m.rate), rest, strict=True) for x in values]
+            own.append(MovingStart(m.joint, (0.0,) * len(m.at), (0.0,) * len(m.rate), tuple(sigmas)))
+        parts.append(tuple(own))
+    return begun_so(problem, rest, parts)
+
+
+def _distance(moves: Sequence[MovingStart]) -> float:
+    """Return how far from rest hidden joints begin at most, in standard deviations of `InitialPrior`."""
+    place, rate = InitialPrior().hidden
+    return max((max(*np.abs(m.at) / place, *np.abs(m.rate) / rate) for m in moves), default=0.0)
