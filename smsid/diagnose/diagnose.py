@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
-from smsid.diagnose.hidden_start import likelier_start, with_likely_start
+from smsid.diagnose.hidden_start import likelier_start, rest_is_likelier, with_likely_start
 from smsid.diagnose.hold_rivals import as_inputs_act
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import FOLLOWED
@@ -53,7 +53,7 @@ from smsid.estimation.joint_problem import (
     with_timing_of,
 )
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.moving_start import with_start_of
+from smsid.estimation.moving_start import starts_of, with_start_of
 from smsid.estimation.parameter_vector import JointPrior, Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.identify.estimate import Estimate
@@ -167,20 +167,28 @@ def _diagnose(
             return replace(before, failed=(*before.failed, note))
 
     problem = with_likely_timing(point, looked_at(faults), now=False)
-    begun = with_likely_start(point, problem, known.unknowns)
-    if begun.moves:
-        read = with_start_of(read, begun)
+    at_rest, moving = read, with_likely_start(point, problem, known.unknowns)
+    if any(starts_of(moving)):
+        read = with_start_of(read, moving)
         problem = with_likely_timing(point, looked_at(faults), now=False)
     count = len(problem.data.times)
     fewer = f"{count} of {len(whole.times)} samples looked at" if count < len(whole.times) else ""
     candidates = propose(point, problem, known.unknowns)
     found = searched(problem, point)
-    moves = likelier_start(found.nominal, found.last) if found.causes or found.left else None
-    if moves is not None:
-        LOGGER.info("it does not begin at rest")
-        read = with_start_of(read, moves)
-        problem = with_likely_timing(point, looked_at(faults), now=False)
-        found = searched(problem, point, found)
+    if found.causes or found.left:  # a start in motion may stand for a cause, and a cause for a start
+        first, rested = (read, problem, found), read is at_rest
+        if not rested:
+            read = at_rest
+        elif moving := likelier_start(found.nominal, found.last, left=bool(found.left)):
+            read = with_start_of(read, moving)
+        if read is not first[0]:
+            problem = with_likely_timing(point, looked_at(faults), now=False)
+            found = searched(problem, point, found)
+            begun = [(s.nominal, s.last) for s in (first[2], found)]
+            if found.last is first[2].last:  # it failed
+                read, problem = first[:2]
+            elif rest_is_likelier(*(begun if rested else begun[::-1])) == rested:
+                read, problem, found = first
     problem = with_timing_of(problem, found.last.problem)
     rests = resting_channels(found.last, whole, faults)
     if rests:

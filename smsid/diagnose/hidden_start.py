@@ -56,30 +56,68 @@ def with_likely_start(point: Point, problem: Problem, unknowns: Sequence[Unknown
     return moving if left <= THRESHOLDS.noise_left and far > THRESHOLDS.far_start else rests
 
 
-def likelier_start(nominal: MapFit, last: MapFit) -> Problem | None:
+def likelier_start(nominal: MapFit, last: MapFit, *, left: bool) -> Problem | None:
     """Return the problem of a diagnosis with hidden joints that move as recordings begin, where that explains
     them better than what was found from rest: without any cause the likelihood of a ``nominal`` model is
-    larger than that of the ``last``, with causes; ``None`` elsewhere.
+    larger than that of the ``last``, with causes, or, where something is ``left``, with the causes it is
+    clearly larger; ``None`` elsewhere.
 
     It is the mean over starts about rest, each coordinate's variance being about the likeliest
-    (`_about_rest`). What causes have more of it at their most likely values than in the mean is taken off
-    after Schwarz (Ann. Statist. 6 (1978) 461): half the logarithm of the number of samples a parameter.
+    (`_about_rest`).
     """
     problem = last.problem
-    if problem.moves or any(p.moves for p in problem.parts) or not len(moving_joints(nominal.point.model())):
+    if any(starts_of(problem)) or not len(moving_joints(nominal.point.model())):
         return None
-    more = len(last.unknowns) - len(nominal.unknowns)
-    cost = last.objective + 0.5 * more * math.log(len(problem.data.times))
-    begun, point = replace(problem, noise=nominal.problem.noise), nominal.point
+    begun = replace(problem, noise=nominal.problem.noise)
     try:
-        for _ in range(LOOKS):
-            there = fit(point, nominal.unknowns, _about_rest(point, begun), iterations=STEPS)
-            point = there.point
-            LOGGER.info("begun about rest: %.7g, from rest with causes %.7g", there.objective, cost)
-        return in_motion(point, begun) if there.objective < cost else None
+        there = _fitted_about_rest(nominal, begun)
+        cost = _with_causes(last.objective, nominal, last)
+        LOGGER.info("begun about rest: %.7g, from rest with causes %.7g", there.objective, cost)
+        if there.objective < cost:
+            return in_motion(there.point, begun)
+        if left and last is not nominal:
+            there = _fitted_about_rest(last, problem)
+            LOGGER.info("with causes about rest: %.7g, from rest %.7g", there.objective, last.objective)
+            if there.objective < last.objective - CLEAR_GAIN:
+                return in_motion(there.point, problem)
+        return None
     except (SimulationError, np.linalg.LinAlgError) as error:
         LOGGER.info("not moving: %s", error)
         return None
+
+
+Fits = tuple[MapFit, MapFit]
+"""The nominal and the last fit of a search."""
+
+
+def rest_is_likelier(rests: Fits, moves: Fits) -> bool:
+    """Whether what a search found from rest explains a recording about as well as what one found from a start
+    in motion, the likelihood of that being as in `likelier_start`.
+    """
+    try:
+        there = _fitted_about_rest(moves[1], moves[1].problem).objective
+    except (SimulationError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not about rest: %s", error)
+        return False
+    costs = _with_causes(rests[1].objective, *rests), _with_causes(there, *moves)
+    LOGGER.info("from rest %.7g, begun about rest %.7g", *costs)
+    return costs[0] < costs[1] + CLEAR_GAIN
+
+
+def _fitted_about_rest(found: MapFit, problem: Problem) -> MapFit:
+    """Return a fit of the same parameters to a problem that begins about rest."""
+    for _ in range(LOOKS):
+        found = fit(found.point, found.unknowns, _about_rest(found.point, problem), iterations=STEPS)
+    return found
+
+
+def _with_causes(objective: float, nominal: MapFit, last: MapFit) -> float:
+    """Return an objective without what causes have more of it at their most likely values than in the mean.
+
+    Source: Schwarz, Ann. Statist. 6 (1978) 461: half the logarithm of the number of samples a parameter.
+    """
+    more = len(last.unknowns) - len(nominal.unknowns)
+    return objective + 0.5 * more * math.log(len(last.problem.data.times))
 
 
 def start_like(point: Point, problem: Problem, like: Problem) -> Problem:
