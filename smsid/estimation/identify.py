@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from smsid.estimation.identify_flights import FlightEstimate
 
 LOGGER = logging.getLogger(__name__)
-TURN_PARTS = 20  # parts of a recording whose mean attitudes are compared
-TURN_SIGMAS = 2.0  # of a reading's noise, by which these differ at most where an attitude is held
+TURN_PARTS = 20  # parts of a recording whose median attitudes are compared
+TURN_SIGMAS = 5.0  # of a reading's noise, by which these differ at most where an attitude is held
 UNTURNED = 1e-6  # [rad] that nobody holds an attitude better
 BEGINNING = 30_000  # samples of the slowest sensor of a long flight that the search starts with
 
@@ -205,13 +205,13 @@ def _turned_while_pushed(recording: Recording) -> str:
     for channel in (c for c in recording.channels if c.partition(".")[2] == "attitude"):
         seen = np.asarray(recording[channel], dtype=float)
         seen = seen[np.isfinite(seen).all(axis=1)]
-        if channel.startswith("truth.") or len(seen) < TURN_PARTS**2:
+        if channel.startswith("truth.") or len(seen) < TURN_PARTS:
             continue
         turns = turn_between(np.broadcast_to(seen[0], seen.shape), seen)
-        parts = np.array([p.mean(axis=0) for p in np.array_split(turns, TURN_PARTS)])
+        parts = np.array([np.median(p, axis=0) for p in np.array_split(turns, TURN_PARTS)])
         noise = np.asarray(white_sigma(turns)) + UNTURNED
         if (np.ptp(parts, axis=0) > TURN_SIGMAS * noise).any():
-            size = float(np.linalg.norm(turns, axis=1).max())
+            size = float(np.linalg.norm(np.ptp(parts, axis=0)))
             return f"'{recording.name}' turns by up to {size:.3g} rad while thrust acts"
     return ""
 

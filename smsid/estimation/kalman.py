@@ -134,7 +134,7 @@ class KalmanFilter:
         recording = self.problem.recording
         clocks = [recording.time(c) for c in COMMANDS.values() if c in recording]
         slow = min((float(np.median(np.diff(t))) for t in clocks), default=0.0)
-        m = max(1.0, round(slow / float(np.median(np.diff(edges)))))
+        m = max(1.0, round(slow / float(np.median(np.diff(self.problem.data.times)))))
         return missed * np.sqrt(m**3 / (4.0 * m**2 - 1.0))
 
     def restarted(self, belief: Belief, *, until: float) -> KalmanFilter:

@@ -30,14 +30,14 @@ class ThrustHistory:
     """Force [N] and torque [N m] on the bus (N, 6) in body axes, sampled at ``times`` (N,) [s].
 
     ``steps``: the value holds until the next sample; otherwise a cubic spline goes through the samples.
-    ``spacing`` [s] is that of a command that may have switched anywhere between two of its samples; zero
-    where it switches at them.
+    ``since`` (k,) [s] are, by its ``jumps``, the times before which it had not switched yet: a command may do
+    so anywhere between two samples. ``None`` where it switches at them.
     """
 
     times: np.ndarray
     values: np.ndarray
     steps: bool
-    spacing: float = 0.0
+    since: np.ndarray | None = None
 
     @property
     def jumps(self) -> np.ndarray:
@@ -175,9 +175,15 @@ def _thrust(model: SpacecraftModel, recording: Recording, held: bool) -> ThrustH
     if "command.force" not in recording:
         return None
     found = actual_thrust(model, recording, torque=not held)
-    told = recording.provenance.get("inputs") == "held"
-    spacing = 0.0 if told else float(np.median(np.diff(recording.time("command.force"))))
-    return ThrustHistory(found.times, found.values, found.steps, spacing) if found.values.any() else None
+    if not found.values.any():
+        return None
+    thrust = ThrustHistory(found.times, found.values, found.steps)
+    if recording.provenance.get("inputs") == "held":
+        return thrust
+    clock, jumps = np.asarray(recording.time("command.force"), dtype=float), thrust.jumps
+    before = np.maximum(np.searchsorted(clock, jumps) - 1, 0)
+    delayed = jumps - float(np.median(np.diff(clock)))  # by an effect
+    return replace(thrust, since=np.where(np.isin(jumps, clock), clock[before], delayed))
 
 
 def _check_free(model: SpacecraftModel, free: np.ndarray, start: float, stop: float) -> None:

@@ -58,7 +58,7 @@ class NuisanceValues:
 @dataclass(frozen=True)
 class NuisanceIndex:
     """Where one group of local parameters stands in the step of a piece, with the prior's sigma and unit, and
-    its ``mean`` (size,) where that is not zero.
+    its ``mean`` (size,) where that is not zero; ``sigmas`` (size,) where they differ.
     """
 
     kind: str
@@ -68,6 +68,7 @@ class NuisanceIndex:
     sigma: float
     unit: str
     mean: tuple[float, ...] = ()
+    sigmas: tuple[float, ...] = ()
 
 
 def slots_of(

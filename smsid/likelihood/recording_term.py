@@ -228,10 +228,10 @@ class RecordingTerm:
         information, gradient, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
         for s in self.slots:
             place = np.arange(s.start, s.start + s.size)
-            off = deviation(s, local)
-            information[place, place] = 1.0 / s.sigma**2
-            gradient[place] = -off / s.sigma**2
-            cost += float(off @ off) / s.sigma**2
+            off, sigma = deviation(s, local), np.array(s.sigmas or s.sigma)
+            information[place, place] = 1.0 / sigma**2
+            gradient[place] = -off / sigma**2
+            cost += float(np.sum((off / sigma) ** 2))
         return information, gradient, cost
 
     @property

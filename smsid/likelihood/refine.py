@@ -53,8 +53,8 @@ UNRESOLVED = (
     "record the encoders faster and without gaps, or a shorter flight"
 )
 SWITCHED = (
-    "thrust switches between samples of its command, as the sensors have it: when (switch_time) is estimated "
-    "too. Record on-times, or the command faster, and masses come out better"
+    "thrust switches between samples of its command: when, as the sensors have it, is estimated too "
+    "(switch_time, in order). Record on-times, or the command faster, and masses come out better"
 )
 OF_PARTS = "the search began with a first part, by which knots were judged; it ended with every sample"
 
@@ -161,8 +161,9 @@ def refine(
     if sought.clocks:
         off = ", ".join(sorted(sought.clocks))
         notes.append(f"clocks that do not agree with the rest, estimated too: {off}")
-    if sought.switches:
-        notes.append(SWITCHED)
+    for piece, local in zip(found.pieces, found.point.locals, strict=True):
+        if len(local.switch):
+            notes.append(f"{piece.name}: {SWITCHED}")
     covariance = found.normal.covariance()
     jacobian = gradient_matrix(combinations, covariance.shape[0], at.size, found.pieces)
     reported_covariance = found.normal.covariance_of(jacobian)

@@ -19,8 +19,9 @@ from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm
 from smsid.likelihood.switch_times import (
-    may_switch_anywhere,
+    intervals,
     on_found_times,
+    outside,
     switch_evidence,
     switch_times,
     with_switch_times,
@@ -60,7 +61,7 @@ def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> 
     right: set[str] = set()
     visits: list[Iterate] = []
     own, point, seen, switches = pieces, start.point, start, False
-    at_samples = not any(may_switch_anywhere(p) for p in pieces)
+    at_samples = not any(len(intervals(p)) for p in pieces)
     while True:
         where, worst = _looked_around(own, point, prior, right, visits, seen)
         assert where.seen is not None
@@ -71,7 +72,7 @@ def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> 
         else:
             assert isinstance(where, Fit)
             more = right_clocks(where, names)
-            if switches and switch_evidence(where.pieces, where.seen, prior) < 0.0:
+            if switches and (outside(where) or switch_evidence(where.pieces, where.seen, prior) < 0.0):
                 switches, at_samples = False, True
             elif not more:
                 return SearchResult(where, tuple(names), tuple(visits), switches)
@@ -152,7 +153,7 @@ def _search_maximum(
     seen: Evaluation | None,
 ) -> Fit:
     """The maximum near a start; where clocks are sought, samples near jumps are chosen by where they end."""
-    moved = 0.0
+    moved, found = 0.0, None
     for _ in range(ROUNDS):
         own = [away_from_jumps(p, local) for p, local in zip(pieces, start.locals, strict=True)]
         same = all(a is b for a, b in zip(own, pieces, strict=True))
@@ -160,10 +161,12 @@ def _search_maximum(
         visits += found.visits
         moved = largest_clock_shift(start.locals, found.point.locals, found.pieces)
         switched = [on_found_times(p, x) for p, x in zip(pieces, found.point.locals, strict=True)]
-        if moved < GUARD / 2 and not any(switched):
+        if moved < GUARD / 2 and all(p is None for p in switched):
             return found
-        pieces = [new or p for new, p in zip(switched, pieces, strict=True)]
+        pieces = [p if new is None else new for new, p in zip(switched, pieces, strict=True)]
         start, seen = _begun(pieces, found.point), None
+    if found is not None and moved < GUARD / 2:  # switches still move by a thousandth of their intervals
+        return found
     raise NotIdentifiableError(
         f"A clock moves by {moved:.3g} s from one search to the next: it cannot be told.",
         advice="Correct the sensors' clocks first: `smsid.recording.lag.estimate_lag` compares two of them.",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,12 +16,15 @@ from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import RecordingTerm, piece_of
 from smsid.likelihood.switch_times import (
+    intervals,
     moved_to,
     on_found_times,
+    outside,
     switch_evidence,
     switch_times,
     with_switch_times,
 )
+from smsid.recording import Recording
 
 from . import twin
 
@@ -82,6 +86,36 @@ def test_a_switch_stays_between_its_samples():
     assert far is not None
     np.testing.assert_allclose(switch_times(far), [6.67, 13.33], atol=2e-5)
     assert on_found_times(piece, replace(local, switch=local.switch + 1e-6)) is None
+
+
+def commanded(every: int, later: float = 0.0):
+    """The same flight, its command read every so many samples, the sensors so much later [s]."""
+    clean = twin.exp1((1, 1, 1), 40.0)
+    times, force = clean.time(), np.asarray(clean["command.force"])
+    channels = {c: (times + later, np.asarray(clean[c])) for c in clean.channels if c != "command.force"}
+    channels["command.force"] = times[::every], force[::every]
+    return Recording.from_arrays(None, channels, labels=clean.labels, role="estimation", name="exp1")
+
+
+def test_intervals_are_those_of_the_command():
+    for every, first in ((10, 6.6), (7, 6.65)):
+        piece, _ = piece_of(twin.model(), commanded(every), Nuisance(biases=False), described_noise=True)
+        np.testing.assert_allclose(intervals(piece)[0], [first, first + 0.01 * every], atol=1e-9)
+        np.testing.assert_allclose(intervals(with_switch_times(piece)), intervals(piece), atol=1e-9)
+    late = piece_of(twin.model(), commanded(10, 6.65), Nuisance(biases=False), described_noise=True)[0]
+    np.testing.assert_allclose(intervals(late)[0], [6.65, 6.7], atol=1e-9)  # nothing is read before
+    assert (np.diff(with_switch_times(late).timeline.edges) > 0.0).all()
+
+
+@pytest.mark.parametrize(("off", "out"), [(0.0, False), (0.004, False), (0.009, True), (-0.009, True)])
+def test_a_time_far_outside_of_its_interval_is_none_of_a_switch(off, out):
+    """Known to half a millisecond, 5 ms wide to each side."""
+    piece, local, parameters = sought(40.0)
+    local = replace(local, switch=local.switch + np.array([0.0, off]))
+    variance = np.full(parameters.size + piece.size, 5e-4**2)
+    normal = SimpleNamespace(covariance=lambda: np.diag(variance))
+    point = SimpleNamespace(parameters=parameters, locals=(local,))
+    assert outside(SimpleNamespace(normal=normal, point=point, pieces=(piece,))) is out  # type: ignore[arg-type]
 
 
 def evidence(duration: float, seed: int, **told: str) -> float:
