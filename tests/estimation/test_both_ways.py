@@ -17,6 +17,7 @@ from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import SearchPoint
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import piece_of
+from smsid.likelihood.switch_times import switch_times, with_switch_times
 from tests.likelihood import twin
 
 BUS_INERTIA, HELD = (4, 6, 9), 1e9  # places of Ixx, Iyy, Izz, and what no thrust turns [kg m^2]
@@ -28,20 +29,29 @@ CHANGES = {
 }
 
 
-@pytest.fixture(scope="module")
-def recording():
-    """Thrust for a third of 24 s, switching at samples, the attitude held, read with noise but no biases."""
-    return twin.noisy(twin.exp1((1, 1, 1), 24.0), 4, biased=False)
+@pytest.fixture(scope="module", params=[24.0, 25.0])
+def recording(request):
+    """Thrust for a third of some seconds, the attitude held, read with noise but no biases: it switches at
+    samples, or, of 25 s, between.
+    """
+    return twin.noisy(twin.exp1((1, 1, 1), request.param), 4, biased=False)
+
+
+def between(recording) -> bool:
+    return recording.time()[-1] == 25.0
 
 
 def by_batch(recording, changes: dict[str, float]) -> float:
-    """Return the sum of squares at some parameters; the pose that it began with is estimated."""
+    """Return the sum of squares at some parameters; pose at first and times of switching are estimated."""
     piece, local = piece_of(twin.model(), recording, Nuisance(biases=False), described_noise=True)
+    if between(recording):
+        piece = with_switch_times(piece)
+        local = replace(local, switch=switch_times(piece))
     described = Parameters.of(twin.model())
     at = described.with_scalars({n: described[n] * x for n, x in changes.items()})
     found = minimise([piece], SearchPoint(at, (local,)), Prior(described, None), np.arange(described.size))
     (began,) = found.point.locals
-    return piece.cost(piece.residuals(at, began, piece.predict(at, began)))
+    return piece.cost(piece.residuals(at, began, piece.predict(at, began))) + piece.known_cost(began)
 
 
 def by_filter(recording, changes: dict[str, float]) -> float:
@@ -66,14 +76,18 @@ def by_filter(recording, changes: dict[str, float]) -> float:
     sigma[:3], sigma[3:6] = 100.0, 1.0
     begin = Belief(home, np.zeros(model.nv), np.diag(sigma**2))
     noise = ProcessNoise(force=1e-9, torque=1e-9, joint=1e-9, wheel=1e-9)
-    problem = Problem(kept, data, locked, CommandTiming("held", "right"), noise, begin=begin)
+    timing = CommandTiming("held", "right", anywhere=between(recording))
+    problem = Problem(kept, data, locked, timing, noise, begin=begin)
     return -2.0 * run_filter(model, problem).log_likelihood
 
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_a_parameter_costs_the_same_either_way(recording, name):
+    """Between samples the filter knows of a switch's time to first order about the middle of its interval:
+    what a mode does of it, 0.3 samples later, is off by a part of what it costs.
+    """
     changed, none = {name: CHANGES[name]}, {"tank.mass": 1.0}
     batch = by_batch(recording, changed) - by_batch(recording, none)
     filtered = by_filter(recording, changed) - by_filter(recording, none)
-    assert abs(batch) > 4.0
-    assert filtered == pytest.approx(batch, rel=0.01, abs=0.05)
+    assert abs(batch) > 3.0
+    assert filtered == pytest.approx(batch, rel=0.2 if between(recording) else 0.01, abs=0.05)
