@@ -143,12 +143,20 @@ def _about_rest(point: Point, problem: Problem) -> Problem:
 
     Source: the relevance of MacKay, Neural Comput. 4 (1992) 415, section 5: variances of single parameters.
     """
-    rest, parts = ProcessNoise().hidden, []
+    rest, parts, model = ProcessNoise().hidden, [], point.model()
     for moves in starts_of(in_motion(point, problem)):
         own = []
         for m in moves:
-            sigmas = [max(abs(x), s) for values, s in zip((m.at, m.rate), rest, strict=True) for x in values]
-            own.append(MovingStart(m.joint, (0.0,) * len(m.at), (0.0,) * len(m.rate), tuple(sigmas)))
+            if not model.pin.existJointName(m.joint):
+                continue
+            joint = model.pin.joints[model.pin.getJointId(m.joint)]
+            if joint.nq != joint.nv:  # it turns without limits, and begins as any hidden joint at rest
+                continue
+            home = model.home[joint.idx_q : joint.idx_q + joint.nq]
+            away = np.abs(m.at - home), np.abs(m.rate)
+            sigmas = np.concatenate([np.maximum(x, s) for x, s in zip(away, rest, strict=True)])
+            nothing = (0.0,) * joint.nv
+            own.append(MovingStart(m.joint, tuple(home.tolist()), nothing, tuple(sigmas.tolist())))
         parts.append(tuple(own))
     return begun_so(problem, rest, parts)
 

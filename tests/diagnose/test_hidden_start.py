@@ -1,14 +1,16 @@
 """Recordings that begin in the middle of a flight, the tank sloshing and the panel bent."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from smsid.diagnose import diagnose
+from smsid.diagnose import diagnose, hidden_start
 from smsid.diagnose.hidden_start import with_likely_start
 from smsid.diagnose.validation import read_like
 from smsid.effects import JointFriction
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.kalman import first_state
+from smsid.estimation.kalman import KalmanFilter, first_state
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.experiments import fly, named_experiment
@@ -60,6 +62,20 @@ def test_every_component_is_begun_where_it_is(known, whole, window):
     places = slice(tank.idx_q, tank.idx_q + 3), slice(tank.idx_v, tank.idx_v + 3)
     np.testing.assert_allclose(q[places[0]], whole["truth.slosh_position"][first], atol=0.05)
     np.testing.assert_allclose(v[places[1]], whole["truth.slosh_velocity"][first], atol=0.02)
+
+
+def test_about_rest_each_coordinate_has_the_size_that_is_read(known, whole, window):
+    """The tank's of decimetres, but never less than what is known of rest; a joint at home begins there."""
+    problem = as_problem(known, window, ProcessNoise())
+    found = {m.joint: m for m in hidden_start._about_rest(known.point, problem).moves}
+    first = int(np.searchsorted(whole.time(), BEGIN))
+    tank, model = found["tank"], known.point.model()
+    np.testing.assert_allclose(tank.sigmas[:3], np.abs(whole["truth.slosh_position"][first]), atol=0.05)
+    assert tank.at == tank.rate == (0.0, 0.0, 0.0)
+    assert all(min(m.sigmas) >= min(REST) for m in found.values())
+    sigma = np.sqrt(KalmanFilter(model, replace(problem, moves=tuple(found.values()))).covariance.diagonal())
+    own = model.pin.joints[model.pin.getJointId("tank")].idx_v
+    np.testing.assert_allclose(sigma[[own, model.nv + own]], [tank.sigmas[0], tank.sigmas[3]])
 
 
 def test_a_window_of_a_flight_is_explained(description, window):
