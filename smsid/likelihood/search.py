@@ -36,15 +36,11 @@ GROSS, RECENT = 10.0, 10  # times the stated noise that is left, and iterations 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search found, the sensors whose ``clocks`` had to be sought too, and all points visited.
-
-    ``switches``: thrust switches between samples of its command, at times that were sought.
-    """
+    """What a search found, the sensors whose ``clocks`` had to be sought too, and all points visited."""
 
     found: Fit
     clocks: tuple[str, ...]
     visits: tuple[Iterate, ...]
-    switches: bool = False
 
 
 def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> SearchResult:
@@ -75,7 +71,7 @@ def search(pieces: Sequence[RecordingTerm], start: Evaluation, prior: Prior) -> 
             if switches and (outside(where) or switch_evidence(where.pieces, where.seen, prior) < 0.0):
                 switches, at_samples = False, True
             elif not more:
-                return SearchResult(where, tuple(names), tuple(visits), switches)
+                return SearchResult(where, tuple(names), tuple(visits))
             right |= more
             names = [n for n in names if n not in more]
         own = [with_switch_times(p) if switches else p for p in pieces]
