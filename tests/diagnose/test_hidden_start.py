@@ -1,6 +1,7 @@
 """Recordings that begin in the middle of a flight, the tank sloshing and the panel bent."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -120,6 +121,23 @@ def test_a_cause_is_none_of_a_start(description, flown):
     found = diagnose(description, [rubs]).diagnosis
     assert [c.location for c in found.causes] == ["wheel_x"], found.sentence
     assert [c.family for c in found.causes] == ["friction"]
+
+
+@pytest.mark.parametrize(
+    ("there", "parameters", "rests"),
+    [(-100.0, 7, True), (-104.0, 7, True), (-106.0, 7, False), (-101.0, 5, False)],
+)
+def test_rest_is_believed_unless_motion_is_clearly_likelier(monkeypatch, there, parameters, rests):
+    """By more than 5; two parameters of causes beside a start at rest cost log(100) together."""
+    monkeypatch.setattr(hidden_start, "_fitted_about_rest", lambda *_: SimpleNamespace(objective=there))
+
+    def fitted(count):
+        problem = SimpleNamespace(data=SimpleNamespace(times=range(100)))
+        return SimpleNamespace(objective=-100.0, unknowns=(None,) * count, problem=problem)
+
+    nominal = fitted(5)
+    found = hidden_start.rest_is_likelier((nominal, fitted(7)), (nominal, fitted(parameters)))  # type: ignore[arg-type]
+    assert found is rests
 
 
 def test_a_held_out_window_begins_about_rest(known, gently):
