@@ -279,9 +279,7 @@ def _first_covariance(model: SpacecraftModel, problem: Problem) -> np.ndarray:
     for move in problem.moves:
         if move.sigmas and model.pin.existJointName(move.joint):
             own = model.pin.joints[model.pin.getJointId(move.joint)]
-            for first in (0, nv):
-                half = move.sigmas[: own.nv] if not first else move.sigmas[own.nv :]
-                sigma[first + own.idx_v : first + own.idx_v + own.nv] = half
+            sigma.reshape(2, nv)[:, own.idx_v : own.idx_v + own.nv] = np.reshape(move.sigmas, (2, own.nv))
     sigma[problem.locked], sigma[nv + problem.locked] = 1e-3, 1e-9
     return np.diag(sigma**2)
 

@@ -180,6 +180,9 @@ class VariationalEquations:
     def _kicks(self, nodes: slice) -> dict[int, tuple[int, np.ndarray]]:
         """Return, by place among some nodes, of each switch of thrust its column and what x (n,) changes by
         where it is a second later: accelerations just before it less those just after.
+
+        Source: the jump of sensitivities where an input switches, Galan, Feehery and Barton, Appl. Numer.
+        Math. 31 (1999) 17.
         """
         out, first = {}, len(self.moving) - self.switches
         ends = np.cumsum(self.prediction.timeline.counts + 1)[:-1] - 1

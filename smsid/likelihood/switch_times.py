@@ -129,6 +129,7 @@ def switch_evidence(pieces: Sequence[RecordingTerm], seen: Evaluation, prior: Pr
     solved = scale[:, None] * np.linalg.solve(information, right)
     covariance = solved[places][:, 1:] * scale[places]
     late = np.array(off) - solved[places, 0]  # of the samples' times, afterwards
+    # half an interval is the root of 3 of its standard deviations: the samples are at the end of each
     before = -1.5 * len(width) - float(np.log(np.array(width) / np.sqrt(12.0)).sum())
     sign, size = np.linalg.slogdet(covariance)
     if sign <= 0.0:

@@ -17,12 +17,12 @@ from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import SearchPoint
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import piece_of
-from smsid.likelihood.switch_times import switch_times, with_switch_times
+from smsid.likelihood.switch_times import on_found_times, switch_times, with_switch_times
 from tests.likelihood import twin
 
 BUS_INERTIA, HELD = (4, 6, 9), 1e9  # places of Ixx, Iyy, Izz, and what no thrust turns [kg m^2]
 CHANGES = {
-    "tank.mass": 1.02,
+    "tank.mass": 1.03,
     "tank.stiffness.x": 1.05,
     "panel.mode1.frequency": 1.0005,
     "panel.mode2.damping": 1.05,
@@ -49,8 +49,15 @@ def by_batch(recording, changes: dict[str, float]) -> float:
         local = replace(local, switch=switch_times(piece))
     described = Parameters.of(twin.model())
     at = described.with_scalars({n: described[n] * x for n, x in changes.items()})
-    found = minimise([piece], SearchPoint(at, (local,)), Prior(described, None), np.arange(described.size))
-    (began,) = found.point.locals
+    while True:
+        found = minimise(
+            [piece], SearchPoint(at, (local,)), Prior(described, None), np.arange(described.size)
+        )
+        (began,) = found.point.locals
+        moved = on_found_times(piece, began)
+        if moved is None:
+            break
+        piece, local = moved, began
     return piece.cost(piece.residuals(at, began, piece.predict(at, began))) + piece.known_cost(began)
 
 
@@ -89,5 +96,5 @@ def test_a_parameter_costs_the_same_either_way(recording, name):
     changed, none = {name: CHANGES[name]}, {"tank.mass": 1.0}
     batch = by_batch(recording, changed) - by_batch(recording, none)
     filtered = by_filter(recording, changed) - by_filter(recording, none)
-    assert abs(batch) > 3.0
-    assert filtered == pytest.approx(batch, rel=0.2 if between(recording) else 0.01, abs=0.05)
+    assert abs(batch) > 4.0
+    assert filtered == pytest.approx(batch, rel=0.05 if between(recording) else 0.01, abs=0.05)
