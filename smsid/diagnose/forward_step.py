@@ -28,7 +28,7 @@ from smsid.diagnose.model_comparison import (
 )
 from smsid.diagnose.noise_covariance import NEAR, InflatedFit, normalised_rmse, refit_noise, with_misfit
 from smsid.diagnose.one_recording import in_one_recording
-from smsid.diagnose.open_shape import may_be_open, with_open_shape
+from smsid.diagnose.open_shape import may_be_open, with_errors_of_shape, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_candidates, signatures
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.step_size_check import refine_steps
@@ -160,6 +160,9 @@ class SearchState:
             return
         # beside an unknown structure, what a rival gives the bus is hidden: nothing speaks against it
         told = not (self.fitted.misfit or self.fitted.unknown)
+        larger = with_further(self.current, self.causes) if told else None
+        if larger is not None:  # else a rival is told from a law that is not yet all it can be
+            self.take(larger)
         self.causes, found = exchange_step(
             self.causes, self.current, self.nominal, self.candidates, self.levels,
             exchange=told, last_too=self._finer, settled=self._settled,
@@ -214,6 +217,17 @@ class SearchState:
                 found, laws = opened
                 self.causes = [*(c for c in self.causes if c.score.candidate.key[:2] != own.key[:2]), *laws]
                 self.fitted = InflatedFit(found, np.ones_like(self.fitted.factors))
+                return True
+        return False
+
+    def let_law_err(self, left: Sequence[SpecificationTest]) -> bool:
+        """Let the torque of a law among the causes err, where tests say that it is not all that acts there;
+        return whether one does.
+        """
+        for cause in self.causes:
+            own = cause.score.candidate
+            if may_be_open(own, self.current.problem) and any(t.location == own.location for t in left):
+                self._keep(with_errors_of_shape(self.current, own))
                 return True
         return False
 

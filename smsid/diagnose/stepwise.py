@@ -43,7 +43,7 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-PRUNING = "leaving out needless causes"  # as a step that failed is called
+PRUNING, LAW = "leaving out needless causes", "letting a law err"  # as steps that failed are called
 
 
 @short_repr
@@ -163,13 +163,15 @@ def _initial_state(
     strays = True
     try:
         first = first_fit(point, problem, unknowns)
-        strays = normalised_rmse(first.fit.run) > THRESHOLDS.strays
+        strays = max(normalised_rmse(first.fit.run), first.fit.stretch) > THRESHOLDS.strays
         fitted = with_levels(first, point)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
         lost, fitted = error, but_for_one(point, problem, unknowns, np.ones(problem.data.rows))
     # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
-    local = fitted is not None and strays and (fitted.alone or _is_local(fitted))
+    # nor where the parameters are bent beyond belief to follow
+    local = fitted is not None and strays and fitted.fit.stretch <= THRESHOLDS.strays
+    local = local and fitted is not None and (fitted.alone or _is_local(fitted))
     if strays and not local:
         # beside a structure that does not move as described, nothing follows but with that unknown; where all
         # else is followed then, no cause elsewhere is as strong
@@ -183,7 +185,7 @@ def _initial_state(
                 break
             elsewhere = [c for c in candidates if not (place and is_at(c.location, place))]
             coarse = coarse_cause(point, seen, unknowns, elsewhere)
-            if coarse is None:
+            if coarse is None or (not place and first and coarse.fit.objective > first.fit.objective):
                 continue
             try:
                 begun = with_levels(InflatedFit(coarse.fit, np.ones(problem.data.rows), unknown=place))
@@ -223,7 +225,12 @@ def _apply_generic_tests(state: SearchState, coarse: frozenset[str]) -> tuple[Sp
             state.take(larger)
             blocks = again
     left_out = state.guarded(PRUNING, state.prune)  # what else is left, causes that are needed may stand
-    return (*state.held, *adequacy(state.current)) if left_out else blocks
+    blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
+    if state.fitted.misfit or _is_unexplained(state, blocks, coarse):
+        return blocks
+    law = _significant(blocks, (), state.levels, coarse)  # little beside its cause, far more than the noise
+    errs = state.guarded(LAW, lambda: state.let_law_err(law))
+    return (*state.held, *adequacy(state.current)) if errs else blocks
 
 
 def _is_unexplained(state: SearchState, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:

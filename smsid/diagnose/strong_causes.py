@@ -34,7 +34,9 @@ LOGGER = logging.getLogger(__name__)
 SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion
 COMPARISON_RATE = 5.0  # [Hz] at which strong causes are compared at first
 SUBSTEP = 0.05  # [s] of the integration there
-OUTSIDE = "external"  # family of forces from outside
+LIKELY = 12  # candidates that are begun as strong as to first order
+AHEAD = 8  # candidates that are compared where each is likeliest
+ENOUGH = 10.0  # gain of the log-likelihood below which that is near enough
 TRIED = 3  # candidates that are fitted
 LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
 
@@ -68,19 +70,19 @@ def coarse_cause(
             best[candidate.key] = likely, candidate, start
     nothing = max(_likelihood(point, coarse), LEAST)
     ahead = sorted((s for s in best.values() if s[0] > nothing), key=lambda s: -s[0])
-    LOGGER.info("coarse: %.1f without; %s", nothing, [(c.key, likely) for likely, c, _ in ahead[:8]])
-    close = THRESHOLDS.close * (ahead[0][0] - nothing) if ahead else 0.0
-    best_place = ahead[0][1].key[:2] if ahead else ()
-    # where a model may err, laws of one effect differ less by their likelihood than by where they were begun
-    tried = [(c, at) for likely, c, at in ahead if likely - nothing > close or c.key[:2] == best_place]
+    ahead = [(*_as_likely_as_can_be(at, c, coarse, likely), c) for likely, c, at in ahead[:AHEAD]]
+    ahead = sorted(((likely, c, at) for likely, at, c in ahead), key=lambda s: -s[0])
+    LOGGER.info("coarse: %.1f without; %s", nothing, [(c.key, likely) for likely, c, _ in ahead])
     fitted: list[tuple[Candidate, MapFit, tuple[Cause, ...]]] = []
-    for c, at in tried[:TRIED]:
+    for likely, c, at in ahead[:TRIED]:
+        most, best_one, _ = ahead[0]
+        close = likely - nothing > THRESHOLDS.close * (most - nothing)
+        # where a model may err, laws of one effect differ less by their likelihood than by where they begin
+        if fitted and not (close or c.key[:2] == best_one.key[:2]):
+            break
         if not any(laws and c.key[:2] == own.key[:2] for own, _, laws in fitted):
-            fitted += [
-                (c, *f)
-                for f in [_fit_with_less_process_noise(c, at, problem, unknowns, candidates)]
-                if f is not None
-            ]
+            found = _fit_with_less_process_noise(c, at, problem, unknowns, candidates)
+            fitted += [] if found is None else [(c, *found)]
     if not fitted:
         return None
     candidate, found, laws = min(fitted, key=lambda x: x[1].objective)
@@ -125,20 +127,20 @@ def _starts(
 def _linear_starts(
     point: Point, problem: Problem, unknowns: Sequence[Unknown], candidates: Sequence[Candidate]
 ) -> Iterator[tuple[Candidate, Point]]:
-    """Yield forces from outside with points at which they are as large as they are to first order.
+    """Yield candidates, those that explain most, with points at which they are as strong as to first order.
 
-    Nobody can state how strong a strong one is, but it acts on a motion with its size, and a model that may
-    err is linear about nearly the motion that was measured.
+    Nobody can state how strong a strong one is of what acts with its size (a force from outside, a bias), and
+    a model that may err is linear about nearly the motion that was measured.
     """
-    outside = [c for c in candidates if c.family == OUTSIDE and c.effect is not None]
+    sized = [c for c in candidates if c.effect is not None and not c.effect.strong]
     try:
         loose = evaluate(point, unknowns, loosen_model(point.model(), at_point(point, problem), SHARES[0]))
-        known = signatures(loose, outside)
-        scores = score_candidates(loose, [outside[i] for i in known], list(known.values()))
+        known = signatures(loose, sized)
+        scores = score_candidates(loose, [sized[i] for i in known], list(known.values()))
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("nothing is known to first order: %s", error)
         return
-    for s in scores:
+    for s in sorted((s for s in scores if s.freedom), key=lambda s: -s.ratio)[:LIKELY]:
         c = s.candidate
         try:
             size = s.estimate * np.array(c.steps)
@@ -158,6 +160,22 @@ def _likelihood(point: Point, problem: Problem) -> float:
         LOGGER.debug("no likelihood: %s", error)
         return -np.inf
     return found if np.isfinite(found) else -np.inf
+
+
+def _as_likely_as_can_be(
+    start: Point, candidate: Candidate, problem: Problem, likely: float
+) -> tuple[float, Point]:
+    """Return the log-likelihood that a candidate's own parameters come to with a model that may err, and
+    where; that of the start where they come nowhere.
+    """
+    try:
+        own, loose = candidate.unknowns(()), loosen_model(start.model(), problem, SHARES[0])
+        found = fit(start, own, loose, iterations=4, enough=ENOUGH)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("%s stays as it was begun: %s", candidate.key, error)
+        return likely, start
+    reached = _likelihood(found.point, problem)  # its own noise goes with the model, there and here
+    return (reached, found.point) if reached > likely else (likely, start)
 
 
 def _fit_with_less_process_noise(
@@ -196,7 +214,7 @@ def _fit_with_less_process_noise(
     if impossible_fit(found, candidate):
         return None
     if left <= MISFIT:
-        return found, ()
+        return None if found.stretch > THRESHOLDS.strays else (found, ())
     if not may_be_open(candidate, problem):
         return None
     return with_open_shape(point, unknowns, problem, candidate, candidates)  # the last fit is bent to it

@@ -118,16 +118,32 @@ class MapFit:
     prior: PriorRows
 
     @cached_property
+    def told(self) -> np.ndarray:
+        """Which parameters (m,) a sample or a prior tells anything of."""
+        return (self.whitened != 0.0).any(axis=(0, 1)) | (self.prior.rows != 0.0).any(axis=0)
+
+    @cached_property
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Q (N rows + priors, m) and R (m, m) of the whitened derivatives with the priors' rows below."""
+        """Q (N rows + priors, k) and R (k, k) of the whitened derivatives with the priors' rows below, by the
+        k parameters that are `told`.
+        """
         flat = self.whitened.reshape(-1, len(self.unknowns))
-        whole = np.asfortranarray(np.vstack([flat, self.prior.rows]))  # half the time of numpy's
+        # in the order that takes half the time of numpy's
+        whole = np.vstack([flat, self.prior.rows])
+        whole = np.asfortranarray(whole if self.told.all() else whole[:, self.told])
         return qr(whole, mode="economic", overwrite_a=True, check_finite=False)  # pyright: ignore
 
     @cached_property
     def residual(self) -> np.ndarray:
         """Innovations and what the priors leave (N rows + priors,)."""
         return np.concatenate([self.run.innovations.ravel(), -self.prior.off])
+
+    @property
+    def stretch(self) -> float:
+        """Root mean square of what the parameters are off their priors by, in standard deviations: what is
+        known of them counts like what was measured.
+        """
+        return float(np.sqrt(np.mean(self.prior.off**2))) if len(self.prior.off) else 0.0
 
     def left(self, columns: np.ndarray) -> np.ndarray:
         """Return what of whitened columns (N rows, d) the fitted parameters cannot do: (N rows + priors, d).
@@ -137,7 +153,7 @@ class MapFit:
         return self._less(columns, self.factors[0][: len(columns)].T @ columns)
 
     def _less(self, columns: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Return columns (N rows, d) less what of them is in the derivatives, ``own`` (m, d) by their Q."""
+        """Return columns (N rows, d) less what of them is in the derivatives, ``own`` (k, d) by their Q."""
         left = np.zeros((len(self.residual), columns.shape[1]), order="F")
         left[: len(columns)] = columns
         before = np.einsum("ij,ij->j", left, left)
@@ -163,8 +179,10 @@ class MapFit:
             together = np.empty((rows, ends[-1]), order="F")
             np.concatenate(some, axis=1, out=together)
             own, slopes = q[:rows].T @ together, together.T @ self.residual[:rows]
-            parts = (np.split(x, ends[:-1], axis=-1) for x in (own, slopes, solve_triangular(r, own)))
-            for columns, mine, slope, taken in zip(some, *parts, strict=True):
+            taken = np.zeros((len(self.unknowns), ends[-1]))
+            taken[self.told] = solve_triangular(r, own)
+            parts = (np.split(x, ends[:-1], axis=-1) for x in (own, slopes, taken))
+            for columns, mine, slope, moved in zip(some, *parts, strict=True):
                 gram = columns.T @ columns
                 raw = gram.diagonal()
                 gram, slope = gram - mine.T @ mine, slope - mine.T @ within
@@ -172,7 +190,7 @@ class MapFit:
                 if np.linalg.eigvalsh(gram / np.outer(size, size)).min(initial=1.0) < TOLD_TWICE:
                     left = self._less(columns, mine)
                     gram, slope = left.T @ left, left.T @ self.residual
-                yield ProjectedColumns(self, columns, raw, gram, slope, taken)
+                yield ProjectedColumns(self, columns, raw, gram, slope, moved)
             first += len(some)
 
     @property
