@@ -275,7 +275,7 @@ def _diagnose(
         partial=partial,
         gain=gained,
         gain_reason=reason,
-        remaining=remaining_tests(found, decided),
+        remaining=remaining_tests(found, decided, named),
         tests={
             name: test_results(blocks, len(blocks))
             for name, blocks in (("nominal", found.before), ("extended", found.blocks))

@@ -19,6 +19,7 @@ from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.map_estimate import MapFit, continue_fit, fit
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
+from smsid.estimation.shape_errors import shape_errors
 from smsid.simulate.trajectory import States
 
 TIME_TERMS = 6
@@ -156,9 +157,14 @@ def _group_tests(named: Sequence[Named]) -> Iterator[Sequence[Named]]:
 
 
 def whiteness(found: MapFit) -> list[SpecificationTest]:
-    """Return the test of Ljung and Box on every channel's innovations."""
+    """Return the test of Ljung and Box on every channel's innovations; less what an error of shape, as likely
+    as can be, explains of them where that of a law is left open.
+    """
     e, used = found.run.innovations, found.run.used
     out = []
+    for dof, _ in found.problem.noise.shapes:  # it acts as often as the rate and the load come again
+        errors = shape_errors(found.run, dof, by_load=True).reshape(e.size, -1)
+        e = e - (errors @ np.linalg.lstsq(errors, e.ravel(), rcond=None)[0]).reshape(e.shape)
     left_open = tuple(f"[{joint}]" for joint in open_joints(found))  # errors of a shape are not white
     for row, name in enumerate(found.problem.data.names):
         if name.endswith(left_open):

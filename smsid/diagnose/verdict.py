@@ -170,14 +170,26 @@ def _own_unknowns(candidate: Candidate) -> tuple[Unknown, ...]:
     return candidate.unknowns(()) if candidate.effect is not None else ()
 
 
-def remaining_tests(found: Search, decided: Verdict) -> tuple[SignificantTest, ...]:
+def remaining_tests(
+    found: Search, decided: Verdict, standing: Sequence[FoundCause] = ()
+) -> tuple[SignificantTest, ...]:
     """Return the generic tests that are still significant in the description that the diagnosis hands back.
 
-    That is the given one where no cause is named: what explains a part takes the pattern apart. Behind them
-    come the bands of frequency in which channels are left above their noise.
+    That is the given one where no cause is named. Behind them come the bands of frequency in which channels
+    are left above their noise.
     """
-    left = found.left_before if decided == "unexplained" else found.left
+    left = _pattern_left(found, standing) if decided == "unexplained" else found.left
     return test_results((*left, *found.bands), len(found.blocks))
+
+
+def _pattern_left(found: Search, standing: Sequence[FoundCause]) -> tuple[SpecificationTest, ...]:
+    """Return the generic tests that say best what is not explained: what explains a part only takes the
+    pattern apart, a cause that stands takes away what is its own.
+    """
+    sought = {c.score.candidate.key[:2] for c in found.causes}
+    if found.left and any((c.effect, c.location) in sought for c in standing):
+        return found.left
+    return found.left_before or found.left
 
 
 def test_results(blocks: Sequence[SpecificationTest], tests: int) -> tuple[SignificantTest, ...]:
@@ -212,7 +224,7 @@ def verdict(
     if found.misfit:
         return _with_misfit(found, named, standing, hints)
     if left:
-        worst = (*found.left_before, *left)[0]
+        worst = _pattern_left(found, standing)[0]
         what = f"{worst.where} depends on {worst.dependence}"
         sentence = f"The simulation does not explain the recording: {what}, and no cause fits it."
         beside = f"; beside it {left[0].where} still depends on {left[0].dependence}"
