@@ -10,9 +10,10 @@ from typing import cast
 import numpy as np
 
 from smsid.diagnose.change_time_posterior import Starts, cut_sensitivity, step_from
+from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.onset_scan import onset_ratios
 from smsid.diagnose.score_test import Candidate, Score, changes_of, score_candidates, signatures
-from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.effects.base import Starting
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
@@ -274,3 +275,18 @@ def cut_score(current: MapFit, candidate: Candidate, changes: Sequence[Sensitivi
     run = current.run
     columns = propagate(run, [cut_sensitivity(c, run, start) for c in changes])
     return score_candidates(current, [candidate], [columns.reshape(-1, len(changes))])[0]
+
+
+def drop_onset(
+    causes: Sequence[Cause], current: MapFit, levels: DetectionThresholds
+) -> tuple[list[Cause], MapFit]:
+    """Return the causes and the fit, those there all the time whose onset does not pay beside the others.
+
+    One after the other, then all that are left together.
+    """
+    scores, found = [c.score for c in causes], current
+    for i, score in enumerate(scores):
+        (scores[i],), found = always_together(found, [score], levels.onset)
+    if sum(s.candidate.start is not None for s in scores) > 1:
+        scores, found = always_together(found, scores, levels.onset)
+    return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found

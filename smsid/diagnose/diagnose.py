@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -13,7 +13,12 @@ from threadpoolctl import threadpool_limits
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
 from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
-from smsid.diagnose.hidden_start import likelier_start, rest_is_likelier, with_likely_start
+from smsid.diagnose.hidden_start import (
+    likelier_start,
+    rest_is_likelier,
+    start_beside_causes,
+    with_likely_start,
+)
 from smsid.diagnose.hold_rivals import as_inputs_act
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import FOLLOWED
@@ -149,10 +154,13 @@ def _diagnose(
     faults = stuck_channels(whole) + rounded
     coarse = frozenset(f.component for f in rounded)
 
-    def looked_at(faults: Sequence[Fault]) -> Problem:
+    def looked_at(faults: Sequence[Fault], read: Problem) -> Problem:
         problem = thin_problem(replace(read, data=drop_samples(whole, faults)), rate)
         data = with_walk_noise(inflate_for_quantisation(problem.data, rounded))
         return replace(problem, data=data, bias_walks=bias_walks(data))
+
+    def timed(read: Problem) -> Problem:
+        return with_likely_timing(point, looked_at(faults, read), now=False)
 
     def searched(problem: Problem, point: Point, before: Search | None = None) -> Search:
         """Search, or stay with what was found ``before`` where a search fails numerically."""
@@ -166,35 +174,21 @@ def _diagnose(
             note = f"a second search, with what the first one told, failed and was left out: {error}"
             return replace(before, failed=(*before.failed, note))
 
-    problem = with_likely_timing(point, looked_at(faults), now=False)
-    at_rest, moving = read, with_likely_start(point, problem, known.unknowns)
+    at_rest, problem = read, timed(read)
+    moving = with_likely_start(point, problem, known.unknowns)
     if any(starts_of(moving)):
         read = with_start_of(read, moving)
-        problem = with_likely_timing(point, looked_at(faults), now=False)
+        problem = timed(read)
     count = len(problem.data.times)
     fewer = f"{count} of {len(whole.times)} samples looked at" if count < len(whole.times) else ""
     candidates = propose(point, problem, known.unknowns)
-    found = searched(problem, point)
-    if found.causes or found.left:  # a start in motion may stand for a cause, and a cause for a start
-        first, rested = (read, problem, found), read is at_rest
-        if not rested:
-            read = at_rest
-        elif moving := likelier_start(found.nominal, found.last, left=bool(found.left)):
-            read = with_start_of(read, moving)
-        if read is not first[0]:
-            problem = with_likely_timing(point, looked_at(faults), now=False)
-            found = searched(problem, point, found)
-            begun = [(s.nominal, s.last) for s in (first[2], found)]
-            if found.last is first[2].last:  # it failed
-                read, problem = first[:2]
-            elif rest_is_likelier(*(begun if rested else begun[::-1])) == rested:
-                read, problem, found = first
+    read, problem, found = _from_likely_start(point, (read, problem), at_rest, timed, searched)
     problem = with_timing_of(problem, found.last.problem)
     rests = resting_channels(found.last, whole, faults)
     if rests:
         LOGGER.info("at rest, not stuck: %s", ", ".join(f.component for f in rests))
         faults = [f for f in faults if all(f is not r for r in rests)]
-        problem = with_timing_of(looked_at(faults), problem)
+        problem = with_timing_of(looked_at(faults, read), problem)
         found = searched(problem, point, found)
     again = with_timing_of(problem, as_inputs_act(found))
     if _timings(again) != _timings(problem):  # what was wrong with the model hid it
@@ -287,6 +281,40 @@ def _diagnose(
         notes=tuple(n for n in (*known.notes, fewer, *taken, *apart, *by.failed, *opened, *told, *gone) if n),
     )
     return DiagnosisRun(result, extended, found, point=reached)
+
+
+def _from_likely_start(
+    point: Point,
+    first: tuple[Problem, Problem],
+    at_rest: Problem,
+    timed: Callable[[Problem], Problem],
+    searched: Callable[..., Search],
+) -> tuple[Problem, Problem, Search]:
+    """Return the whole problem as it begins most likely, what is looked at of it, and what a search found.
+
+    The ``first`` of both are searched first; what is found so is held against another start: one in motion
+    may stand for a cause, and a cause for a start.
+    """
+    read, problem = first
+    found = searched(problem, point)
+    if not (found.causes or found.left):
+        return read, problem, found
+    rested = read is at_rest
+    moving = likelier_start(found.nominal, found.last, left=bool(found.left)) if rested else None
+    if moving or not rested:
+        other = with_start_of(read, moving) if moving else at_rest
+        there = timed(other)
+        again = searched(there, point, found)
+        begun = [(s.nominal, s.last) for s in (found, again)]
+        if again.last is found.last:  # it failed, and says so
+            found = again
+        elif rest_is_likelier(*(begun if rested else begun[::-1])) != rested:
+            read, problem, found = other, there, again
+    if found.causes and found.left and (moving := start_beside_causes(found.last)):
+        read = with_start_of(read, moving)
+        problem = timed(read)
+        found = searched(problem, point, found)
+    return read, problem, found
 
 
 def _doubts(recordings: Sequence[Recording]) -> list[str]:

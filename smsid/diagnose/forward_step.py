@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from smsid.diagnose.change_point import (
-    always_together,
     best_onsets,
+    drop_onset,
     refine_onset,
     scan_onsets,
     sync_onset,
@@ -21,12 +21,13 @@ from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, reco
 from smsid.diagnose.model_comparison import (
     Cause,
     accept,
+    fit_from_nominal,
     own_component,
     simplest_law,
     with_dynamics,
     with_further,
 )
-from smsid.diagnose.noise_covariance import NEAR, InflatedFit, normalised_rmse, refit_noise, with_misfit
+from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse, refit_noise, with_misfit
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.open_shape import may_be_open, with_errors_of_shape, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_candidates, signatures
@@ -36,14 +37,14 @@ from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import distance
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.map_estimate import MapFit, evaluate, fit, within_reach
+from smsid.estimation.innovations import squared_distance
+from smsid.estimation.map_estimate import MapFit, evaluate, fit
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
 REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
 APART = 100.0  # times what the motion changed, that has to be left of it: a tenth of its size is off then
-AGAIN = 12  # steps of a fit that begins again from the nominal parameters
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -451,57 +452,9 @@ class SearchState:
         return sorted((*scores, *refused), key=self._worth, reverse=True)
 
 
-def fit_from_nominal(found: MapFit, causes: Sequence[Candidate]) -> MapFit:
-    """Return the better of a fit that has not come to rest and one from where its nominal parameters began,
-    with the parameters of ``causes`` as they are; one at rest as it is.
-
-    What stood in for a cause went far before that was there (a tank lost a tenth of its mass to an encoder's
-    bias), and the way back may be barred.
-    """
-    if found.objective - within_reach(found) < NEAR:
-        return found
-    own = {n for c in causes for n in (*c.free, *c.also)}
-    nominal = [u for u in found.unknowns if u.kind in ("inertial", "effect") and np.isfinite(u.sigma)]
-    nominal = [u for u in nominal if u.name not in own]
-    back = np.array([u.nominal - found.point.value(u) for u in nominal])
-    try:
-        again = fit(found.point.moved(nominal, back), found.unknowns, found.problem, iterations=AGAIN)
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("not from the nominal parameters: %s", error)
-        return found
-    LOGGER.info("from the nominal parameters: %.1f, was %.1f", again.objective, found.objective)
-    return min(found, again, key=lambda f: f.objective)
-
-
 def _distances_of_causes(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:
     """Return how many standard deviations, in squares, each cause but those at a place is from doing nothing
     at a fit.
     """
     own = (c.score.candidate for c in causes)
     return [distance(found, c) for c in own if not is_at(c.location, place)]
-
-
-def squared_distance(run: FilterRun, other: FilterRun) -> float:
-    """Return the largest share that the accelerations of two runs differ by, in squares; 1 at least where
-    they are of other coordinates.
-    """
-    one, two = run.states.a, other.states.a
-    if one.shape != two.shape:
-        return 1.0
-    size = np.square(one).mean(axis=0)
-    return float((np.square(two - one).mean(axis=0) / np.where(size > 0.0, size, np.inf)).max(initial=0.0))
-
-
-def drop_onset(
-    causes: Sequence[Cause], current: MapFit, levels: DetectionThresholds
-) -> tuple[list[Cause], MapFit]:
-    """Return the causes and the fit, those there all the time whose onset does not pay beside the others.
-
-    One after the other, then all that are left together.
-    """
-    scores, found = [c.score for c in causes], current
-    for i, score in enumerate(scores):
-        (scores[i],), found = always_together(found, [score], levels.onset)
-    if sum(s.candidate.start is not None for s in scores) > 1:
-        scores, found = always_together(found, scores, levels.onset)
-    return [replace(c, score=s) for c, s in zip(causes, scores, strict=True)], found

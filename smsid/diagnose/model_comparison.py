@@ -23,6 +23,8 @@ from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
 NEAR = THRESHOLDS.near
+AT_REST = 10.0  # gain of the log-posterior that is promised, below which a fit has come to rest
+AGAIN = 12  # steps of a fit that begins again from the nominal parameters
 STEPS_OF_OTHERS, STEPS_IN_MOTION = 8, 25  # of the fits of an effect that moves by itself
 AXES = (".x", ".y", ".z")
 OUT_OF_REACH = 0.01  # of what the best contender gains, by which another may fall behind on its way
@@ -263,6 +265,28 @@ def without_candidate(current: MapFit, found: MapFit, candidate: Candidate) -> M
     except (SmsidError, np.linalg.LinAlgError):
         return current
     return further if further.objective < current.objective else current
+
+
+def fit_from_nominal(found: MapFit, causes: Sequence[Candidate]) -> MapFit:
+    """Return the better of a fit that has not come to rest and one from where its nominal parameters began,
+    with the parameters of ``causes`` as they are; one at rest as it is.
+
+    What stood in for a cause went far before that was there (a tank lost a tenth of its mass to an encoder's
+    bias), and the way back may be barred.
+    """
+    if found.objective - within_reach(found) < AT_REST:
+        return found
+    own = {n for c in causes for n in (*c.free, *c.also)}
+    nominal = [u for u in found.unknowns if u.kind in ("inertial", "effect") and np.isfinite(u.sigma)]
+    nominal = [u for u in nominal if u.name not in own]
+    back = np.array([u.nominal - found.point.value(u) for u in nominal])
+    try:
+        again = fit(found.point.moved(nominal, back), found.unknowns, found.problem, iterations=AGAIN)
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not from the nominal parameters: %s", error)
+        return found
+    LOGGER.info("from the nominal parameters: %.1f, was %.1f", again.objective, found.objective)
+    return min(found, again, key=lambda f: f.objective)
 
 
 def refit(current: MapFit, s: Score, at_most: float = np.inf) -> MapFit | None:

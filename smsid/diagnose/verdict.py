@@ -109,9 +109,21 @@ def values(
         nominal = u.nominal if candidate.effect is None else None
         value, ends = float(found.last.point.value(u)), found.bent.get(name)
         # of a fit without hints that is elsewhere, it is no interval
-        own = ends if ends is not None and ends[0] <= value <= ends[1] else None
+        own = ends if ends is not None and ends[0] <= value <= ends[1] else _within_bounds(u, value, sigma)
         out.append(Value(name, value, sigma, u.unit, nominal, own))
     return tuple(out)
+
+
+def _within_bounds(u: Unknown, value: float, sigma: float) -> tuple[float, float] | None:
+    """Return the 95 % interval of a Gaussian that reaches beyond what a parameter can be, cut off there;
+    nothing of one that does not.
+    """
+    reach = NORMAL95 * sigma
+    if not (u.lower <= value <= u.upper and np.isfinite(sigma)):
+        return None
+    if u.lower <= value - reach and value + reach <= u.upper:
+        return None
+    return max(value - reach, u.lower), min(value + reach, u.upper)
 
 
 def _assumed_parameters(found: Search, candidate: Candidate) -> list[Unknown]:

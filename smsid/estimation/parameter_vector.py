@@ -12,6 +12,7 @@ import pinocchio as pin
 from smsid.description.schema import Description
 from smsid.effects.base import Effect
 from smsid.effects.inertial_parameters import pinocchio_inertia
+from smsid.errors import DescriptionError
 from smsid.estimation.measurements import component_labels
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.model import build_model, rebuild
@@ -242,12 +243,15 @@ class Point:
         return model
 
     def physical(self) -> bool:
-        """Whether masses are positive and so is the whole mass matrix at home.
+        """Whether such a spacecraft can be: masses are positive, and so is the whole mass matrix at home.
 
         How inertia is shared out between bodies is known in combinations only; that a single body could exist
         is not asked, as the motion does not tell.
         """
-        model = self.model()
+        try:
+            model = self.model()
+        except DescriptionError:  # a panel takes more from its body than that has
+            return False
         if any(model.pin.inertias[c // 10 + 1].mass <= 0.0 for c in self.inertial):
             return False
         mass = pin.crba(model.pin, model.pin.createData(), model.home)

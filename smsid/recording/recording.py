@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -95,6 +95,9 @@ class Recording(ShortRepr):
         """Give the samples of a channel, (N, ...), read-only; raise `RecordingError` if it is not there."""
         self.require(name)
         return _freeze(self._data.channels[name][1])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
 
     def __contains__(self, name: object) -> bool:
         return name in self._data.channels

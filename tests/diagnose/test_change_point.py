@@ -11,6 +11,7 @@ from smsid.diagnose.change_point import (
     always_together,
     best_onsets,
     cut_score,
+    drop_onset,
     largest_innovation_time,
     moved_start,
     onset_penalty,
@@ -20,7 +21,6 @@ from smsid.diagnose.change_point import (
     sync_onset,
     with_onset,
 )  # fmt: skip
-from smsid.diagnose.forward_step import drop_onset
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.score_test import score_candidates, signatures
@@ -206,7 +206,7 @@ def test_an_onset_that_pays_stays_beside_one_that_does_not(monkeypatch):
         (score,) = scores  # one is left then: there is nothing to drop together
         return (scores, found) if score.candidate.start == 5.0 else ([stand_in(None).score], "without")
 
-    monkeypatch.setattr("smsid.diagnose.forward_step.always_together", drop)
+    monkeypatch.setattr("smsid.diagnose.change_point.always_together", drop)
     causes, found = drop_onset([stand_in(5.0), stand_in(9.0)], "with", DetectionThresholds())
     assert [c.score.candidate.effect.start for c in causes] == [5.0, None] and found == "without"
 

@@ -399,3 +399,39 @@ def test_how_far_two_motions_are_apart():
     )
     assert rounds.squared_distance(run, moved) == pytest.approx(0.01)
     assert rounds.squared_distance(run, run) == 0.0 and rounds.squared_distance(run, larger) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("location", "open_", "errs"), [("joint2", True, True), ("joint1", True, False), ("joint2", False, False)]
+)
+def test_a_law_errs_where_tests_say_that_it_is_not_all(world, monkeypatch, location, open_, errs):
+    state, _ = world
+    rubs = candidate(("joint_friction", "joint2", "stribeck"))
+    state.causes = [Cause(score_of(rubs), (), 1e7)]
+    monkeypatch.setattr(rounds, "may_be_open", lambda own, problem: open_)
+    monkeypatch.setattr(rounds, "with_errors_of_shape", lambda found, own: SimpleNamespace(name=own.location))
+    left = [SimpleNamespace(location=location)]
+    assert state.let_law_err(left) is errs
+    assert (state.current.name == "joint2") is errs
+
+
+def test_a_cause_is_all_it_can_be_before_a_rival_is_told_from_it(world, monkeypatch):
+    """Coulomb friction whose sign turns within 4 mrad/s was a Stribeck curve: its width was not asked."""
+    state, asked = world
+    state.causes = [Cause(score_of(candidate(key)), (), 30.0) for key in (FOUND, OTHER)]
+    state.fitted, state._finer = replace(state.fitted, misfit=False), True
+    steps = []
+
+    def further(current, causes):
+        steps.append(("further", current.name))
+        return asked.at("with its width") if current.name != "with its width" else None
+
+    def exchange(causes, current, *_, **__):
+        steps.append(("exchange", current.name))
+        return list(causes), current
+
+    monkeypatch.setattr(rounds, "with_further", further)
+    monkeypatch.setattr(rounds, "exchange_step", exchange)
+    state.close()
+    assert steps[-1] == ("exchange", "with its width") and steps[-2][0] == "further"
+    assert state.current.name == "with its width"

@@ -9,9 +9,10 @@ import pytest
 from smsid.diagnose import diagnose, hidden_start
 from smsid.diagnose.hidden_start import with_likely_start
 from smsid.diagnose.validation import read_like
-from smsid.effects import JointFriction
+from smsid.effects import JointFriction, SensorBias
 from smsid.estimation.initial_state import InitialPrior
 from smsid.estimation.kalman import KalmanFilter, first_state
+from smsid.estimation.map_estimate import fit
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.experiments import fly, named_experiment
@@ -162,3 +163,39 @@ def test_what_is_not_followed_either_way_tells_nothing_of_it(known, window):
     rate = np.asarray(window["imu.angular_rate"]) + 0.02
     off = as_problem(known, window.with_channels({"imu.angular_rate": rate}), ProcessNoise())
     assert with_likely_start(known.point, off).noise.hidden == REST
+
+
+@pytest.mark.slow
+def test_a_start_metres_off_and_a_cause_are_told_apart(description, whole, window):
+    """The cause bent where the tank was put, by 0.2 m, and what that left was of no cause: unexplained."""
+    rate = np.asarray(window["imu.angular_rate"]) + np.array([2e-4, 0.0, 0.0])
+    found = diagnose(description, [window.with_channels({"imu.angular_rate": rate})]).diagnosis
+    assert found.verdict == "explained", found.sentence
+    (cause,) = found.causes
+    assert (cause.effect, cause.location) == ("sensor_bias", "imu.angular_rate")
+    (x,) = (p for p in cause.parameters if p.name.endswith(".x"))
+    assert x.interval[0] < 2e-4 < x.interval[1] and x.sigma < 5e-6
+
+
+def test_the_start_is_sought_anew_beside_causes(known, whole, window):
+    """Put where a bias of the gyro had it, the tank is found where it was as soon as that is in the model."""
+    bias = SensorBias(name="off", sensor="imu", quantity="angular_rate", bias=(2e-4, 0.0, 0.0))
+    rate = np.asarray(window["imu.angular_rate"]) + bias.bias
+    problem = as_problem(known, window.with_channels({"imu.angular_rate": rate}), ProcessNoise())
+    first = int(np.searchsorted(whole.time(), BEGIN))
+    put = with_likely_start(known.point, as_problem(known, window, ProcessNoise()))
+    (tank,) = (m for m in put.moves if m.joint == "tank")
+    away = tank._replace(at=tuple(np.add(tank.at, 0.25)))
+    moves = tuple(away if m is tank else m for m in put.moves)
+    begun = replace(problem, noise=put.noise, moves=moves)
+    last = fit(known.point.with_effect(bias), known.unknowns, begun, iterations=6)
+    again = hidden_start.start_beside_causes(last)
+    assert again is not None
+    (tank,) = (m for m in again.moves if m.joint == "tank")
+    np.testing.assert_allclose(tank.at, whole["truth.slosh_position"][first], atol=0.05)
+    there = fit(last.point, last.unknowns, again, iterations=6)
+    assert hidden_start.start_beside_causes(there) is None  # it is where it was put
+    rests = replace(problem, noise=ProcessNoise(hidden=REST))
+    assert (
+        hidden_start.start_beside_causes(replace(last, problem=rests)) is None
+    )  # of a start at rest nothing

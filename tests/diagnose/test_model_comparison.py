@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose.forward_step import RESTLESS, fit_from_nominal
+from smsid.diagnose.forward_step import RESTLESS
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import (
     accept,
     aliases_of,
     best_subset_odds,
     cost,
+    fit_from_nominal,
     is_distinguishable,
     refit,
 )

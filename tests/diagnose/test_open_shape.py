@@ -7,7 +7,7 @@ import pytest
 
 from smsid.diagnose.open_shape import may_be_open
 from smsid.diagnose.score_test import Candidate
-from smsid.diagnose.specification_tests import adequacy, open_joints
+from smsid.diagnose.specification_tests import LAGS, adequacy, open_joints, whiteness
 from smsid.effects import JointFriction, TorqueGain
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import Sensitivity, propagate
@@ -62,3 +62,29 @@ def test_only_laws_of_nature_there_all_the_time_may_be_open(opened, problem):
     assert not may_be_open(replace(own, effect=rubs.model_copy(update={"start": 3.0})), problem)
     gain = TorqueGain(name="gain", joint=JOINT)
     assert not may_be_open(replace(own, effect=gain, free=("gain.error",)), problem)
+
+
+def test_an_error_that_comes_again_with_rate_and_load_is_no_memory_of_a_channel(opened):
+    """Load-dependent friction, told to 1 %, was not explained: the IMU felt what its sign lacked."""
+    ((dof, _),) = opened.problem.noise.shapes
+    errors, rng = shape_errors(opened.run, dof, by_load=True), np.random.default_rng(3)
+    assert errors.shape[2] == 2 * shape_errors(opened.run, dof).shape[2]
+    size = 30.0 / np.sqrt((errors**2).sum(axis=(0, 1)).clip(1e-12))
+    lacking = replace(
+        opened.run, innovations=opened.run.innovations + errors @ (size * rng.choice((-1, 1), len(size)))
+    )
+    plain = {t.where: t.ratio for t in whiteness(opened)}
+    seen = {t.where: t.ratio for t in whiteness(replace(opened, run=lacking))}
+    closed = replace(opened.problem, noise=replace(opened.problem.noise, shapes=()))
+    naive = {t.where: t.ratio for t in whiteness(replace(opened, run=lacking, problem=closed))}
+    assert max(naive[n] - plain[n] for n in plain) > 100.0
+    assert seen == pytest.approx(plain, rel=1e-6)
+
+
+def test_beside_an_open_shape_memory_has_the_size_it_says(opened):
+    """Noise of which no torque knows anything: what is fitted of it takes no false memory with it."""
+    rng, ratios = np.random.default_rng(5), []
+    for _ in range(40):
+        noise = replace(opened.run, innovations=rng.standard_normal(opened.run.innovations.shape))
+        ratios += [t.ratio for t in whiteness(replace(opened, run=noise))]
+    assert np.mean(ratios) == pytest.approx(LAGS, rel=0.06)

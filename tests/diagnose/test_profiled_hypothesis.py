@@ -20,6 +20,7 @@ def stub(columns, truth, rng, noise):
     own.prior.rows, own.prior.off = np.eye(2), np.zeros(2)
     own.residual = np.concatenate([residual, np.zeros(2)])
     own.factors = np.linalg.qr(np.vstack([whitened.reshape(ROWS, 2), own.prior.rows]))
+    own.told = np.ones(2, dtype=bool)
     own._less = lambda *given: MapFit._less(own, *given)
     own.run = SimpleNamespace(samples=ROWS)
     return own

@@ -26,6 +26,7 @@ def stub(rng, rows, fitted, prior):
     )
     own.prior.rows, own.prior.off = np.diag(prior), np.zeros(fitted)
     own.factors = np.linalg.qr(np.vstack([whitened.reshape(rows, fitted), own.prior.rows]))
+    own.told = np.ones(fitted, dtype=bool)
     own.left = lambda c: MapFit.left(own, c)
     own._less = lambda *given: MapFit._less(own, *given)
     own.projected = lambda groups: MapFit.projected(own, groups)

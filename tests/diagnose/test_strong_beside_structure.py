@@ -17,7 +17,7 @@ PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.a
 def asked(monkeypatch):
     """What strong causes were sought in, and among which candidates; the whole is not followed with any."""
     asked = SimpleNamespace(seen=[], follows="without panel", alone="", refined=[], lost=())
-    fit = SimpleNamespace(run=None, point=None)
+    fit = SimpleNamespace(run=None, point=None, stretch=0.0, objective=0.0)
 
     def coarse(point, problem, unknowns, candidates):
         asked.seen.append((problem.name, list(candidates)))

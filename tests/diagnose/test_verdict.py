@@ -11,7 +11,8 @@ from smsid.diagnose.result import FoundCause
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.verdict import verdict
+from smsid.diagnose.verdict import _within_bounds, remaining_tests, verdict
+from smsid.estimation.parameter_vector import Unknown
 
 WHOLE = SimpleNamespace(left=(), misfit=False, causes=())
 STRAYS = SimpleNamespace(left=(), misfit=True, followed=0.99, noise={"imu.angular_rate": 20.0}, causes=())
@@ -120,3 +121,41 @@ def test_the_component_that_is_left_is_said_with_its_level():
 def test_what_causes_take_away_is_a_share_of_the_squares():
     told = SimpleNamespace(normalised_rmse=(10.0, 1.0))
     assert Search.followed.fget(told) == pytest.approx(0.99)  # what the verdict and standing causes read
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "expected"),
+    [
+        (1.0, 0.1, None),
+        (0.1, 1.0, (0.0, 2.06)),
+        (3.9, 0.2, (3.508, 4.0)),
+        (5.0, 1.0, None),
+        (1.0, np.inf, None),
+    ],
+)
+def test_no_interval_reaches_beyond_what_a_parameter_can_be(value, sigma, expected):
+    u = Unknown("rub.stribeck", "effect", "N m", 0.0, np.inf, 1.0, lower=0.0, upper=4.0)
+    found = _within_bounds(u, value, sigma)
+    assert found == (None if expected is None else pytest.approx(expected, abs=1e-3))
+
+
+def test_beside_a_cause_that_stands_what_is_left_is_said_and_not_what_it_took_away():
+    """ "Torque of joint2 depends on load, and no cause fits it": load-dependent friction of joint2 stood."""
+    before, after = (
+        SimpleNamespace(where=where, dependence=on, ratio=r, freedom=1, p_value=0.0)
+        for where, on, r in (
+            ("torque of joint2", "load", 1e6),
+            ("imu.acceleration[z]", "its own past", 200.0),
+        )
+    )
+    found = searched(np.ones(1), np.full(1, 1e-3), [0], np.ones(6), np.ones(6), misfit=False, left=(after,),
+                     left_before=(before,), followed=1.0, bands=(), blocks=(after,))  # fmt: skip
+    own = FoundCause("kind", "place0", "other", "size", (), (), {})
+    fault = FoundCause("outliers", "imu", "sensor", "outliers", (), (), {})
+    _, sentence = verdict(found, (own,), (own,), ())
+    assert "imu.acceleration[z] depends on its own past" in sentence and "depends on load" not in sentence
+    assert [t.where for t in remaining_tests(found, "unexplained", (own,))] == ["imu.acceleration[z]"]
+    for standing in ((), (fault,)):
+        _, sentence = verdict(found, (own,), standing, (own,))
+        assert "torque of joint2 depends on load" in sentence
+        assert [t.where for t in remaining_tests(found, "unexplained", standing)] == ["torque of joint2"]

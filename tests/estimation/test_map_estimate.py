@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.optimize import minimize
 
+from smsid.effects import GearCompliance
 from smsid.effects.friction import JointFriction
 from smsid.estimation import map_estimate as fitting
 from smsid.estimation.map_estimate import evaluate, fit
@@ -169,3 +170,28 @@ def test_the_spread_of_parameters_with_others_held_is_that_without_these(known, 
         expected / np.outer(size, size), abs=1e-6
     )
     assert (size < np.sqrt(np.diag(found.covariance())[kept])).any(), "something was held that matters"
+
+
+def test_a_parameter_that_nothing_tells_takes_nothing_from_the_others(known, problem):
+    """A gear's damper, where its motor takes no part in the motion, made scores of all candidates fail."""
+    gear = GearCompliance(name="gear", joint="joint2", compliance=1e-6, quasistatic=True)
+    own = [
+        Unknown(f"gear.{n}", "effect", "1", getattr(gear, n), np.inf, 1e-6) for n in ("compliance", "damping")
+    ]
+    here = known.point.with_effect(gear)
+    found = evaluate(here, (*known.unknowns, *own), problem)
+    told = evaluate(here, (*known.unknowns, own[0]), problem)
+    assert not found.told[-1] and found.told[:-1].all() and told.told.all()
+    columns = np.random.default_rng(1).standard_normal((told.whitened[..., 0].size, 2))
+    (whole,), (less,) = found.projected([columns]), told.projected([columns])
+    assert whole.gram == pytest.approx(less.gram, rel=1e-12)
+    assert whole.slope == pytest.approx(less.slope, rel=1e-9)
+    assert whole.taken[:-1] == pytest.approx(less.taken, abs=1e-12) and not whole.taken[-1].any()
+
+
+def test_what_is_known_of_parameters_counts_like_what_was_measured(known, problem):
+    u = next(u for u in known.unknowns if u.kind == "inertial")
+    moved = evaluate(known.point.moved((u,), np.array([3.0 * u.sigma])), known.unknowns, problem)
+    assert evaluate(known.point, known.unknowns, problem).stretch == 0.0
+    off = np.sqrt(2.0 * (moved.objective + moved.run.log_likelihood))  # the density of the priors itself
+    assert moved.stretch == pytest.approx(off / np.sqrt(len(moved.prior.off)), rel=1e-9)

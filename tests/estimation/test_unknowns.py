@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from smsid.effects import BeamAppendage, Payload, WheelImbalance
+from smsid.errors import DescriptionError
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.retraction import retract
@@ -89,3 +90,17 @@ def test_an_amplitude_and_its_angle_move_as_components(craft, static, phase):
     np.testing.assert_allclose([moved.value(unknowns[i]) for i in index], [static - 3e-3, 4e-3], atol=1e-12)
     np.testing.assert_allclose(list(moved.inertial.values()), 0.0, atol=1e-6)
     assert moved.moved(unknowns, -step).description.get_effect("rough").static == pytest.approx(static)
+
+
+def test_a_craft_that_cannot_be_is_not_physical(tmp_path):
+    """A panel takes more inertia than its body has: a fit that met that was the end of a diagnosis."""
+    description = guess(tmp_path, Satellite(), off=0.0)
+    point = Point.of(description)
+    assert point.physical()
+    (panel,) = (e for e in description.effect if e.kind == "modal_appendage")
+    (mode,) = panel.mode
+    heavy = mode.model_copy(update={"rotation": tuple(100.0 * x for x in mode.rotation)})
+    beyond = point.with_effect(panel.model_copy(update={"mode": (heavy,)}))
+    with pytest.raises(DescriptionError):
+        beyond.model()
+    assert not beyond.physical()

@@ -271,3 +271,9 @@ def test_motion_of_the_samples_is_what_it_says():
         np.linalg.norm(channels["imu.acceleration"], axis=1)[5:-5],
         atol=1e-6,
     )
+
+
+def test_a_recording_is_gone_through_by_its_channels():
+    """`list(recording)` and `dict(recording)` ended in an error of difflib's."""
+    rec = recording()
+    assert list(rec) == list(rec.channels) and set(rec) == {c for c in rec.channels if c in rec}
