@@ -94,14 +94,18 @@ def start_beside_causes(last: MapFit) -> Problem | None:
     """
     if not any(starts_of(last.problem)):
         return None
+    found = last
     try:
-        begun = in_motion(last.point, last.problem)
-        there = fit(last.point, last.unknowns, begun, iterations=2 * STEPS)
+        for _ in range(LOOKS):  # the fit is bent by where it was begun, and this by the fit
+            begun = in_motion(found.point, found.problem)
+            there = fit(found.point, found.unknowns, begun, iterations=2 * STEPS)
+            LOGGER.info("begun where causes put it: %.7g, was %.7g", there.objective, found.objective)
+            if there.objective > found.objective - CLEAR_GAIN:
+                break
+            found = there
     except (SimulationError, np.linalg.LinAlgError) as error:
         LOGGER.info("not begun elsewhere: %s", error)
-        return None
-    LOGGER.info("begun where causes put it: %.7g, was %.7g", there.objective, last.objective)
-    return begun if there.objective < last.objective - CLEAR_GAIN else None
+    return None if found is last else found.problem
 
 
 Fits = tuple[MapFit, MapFit]
