@@ -204,7 +204,7 @@ def _fit_with_less_process_noise(
         for share in SHARES[1:]:
             point = fit(point, unknowns, loosen_model(point.model(), problem, share), iterations=6).point
         found = fit(point, unknowns, problem, iterations=10)
-        if normalised_rmse(found.run) > MISFIT:
+        if normalised_rmse(found.run) > THRESHOLDS.noise_left:
             found = with_dynamics(found, candidate, start)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("%s does not follow: %s", candidate.key, error)
