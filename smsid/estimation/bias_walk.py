@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from smsid.estimation.measurements import ChannelSlice, Measurements, mounting_matrix
-from smsid.kernel.filter_arrays import Parameters
+from smsid.kernel.filter_arrays import StateParameters
 from smsid.sensing.error_model import ErrorModel
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class BiasWalks:
         """Return how readings change with them (rows, m), per scale."""
         return self.columns
 
-    def compiled_tables(self, nothing: Parameters) -> Parameters:
+    def compiled_tables(self, nothing: StateParameters) -> StateParameters:
         """Return them as the compiled filter takes them, from those of a model without any."""
         return nothing._replace(
             scales=self.scales, at=self.values, rates=self.rates, columns=self.columns, close=self.close

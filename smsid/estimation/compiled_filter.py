@@ -11,7 +11,7 @@ from smsid.estimation.filter_pass import REGULARISATION, Instance
 from smsid.estimation.measurement_model import MeasurementModel
 from smsid.kernel import columns as c
 from smsid.kernel.arrays import Force, in_axes_of_table, row_of
-from smsid.kernel.filter_arrays import Model, Parameters, TreeTables
+from smsid.kernel.filter_arrays import Model, StateParameters, TreeTables
 from smsid.kernel.readings import (
     ANGLE,
     ANGULAR_RATE,
@@ -41,7 +41,7 @@ class ParameterDifference:
 @dataclass(frozen=True)
 class Tables:
     """Tables of bodies (k, n, 28) and roots (k, 26 + ...) whose inverse dynamics are derivatives by
-    parameters, as `smsid.kernel.filter.Parameters` has them, and the same of sensors (k,).
+    parameters, as `smsid.kernel.filter_arrays.StateParameters` has them, and the same of sensors (k,).
     """
 
     bodies: tuple[np.ndarray, ...] = ()
@@ -51,7 +51,7 @@ class Tables:
     read_terms: tuple[tuple[int, float], ...] = ()
 
 
-NOTHING = Parameters(
+NOTHING = StateParameters(
     np.zeros(0),
     np.zeros(0),
     np.zeros(0),
@@ -162,7 +162,7 @@ def with_parameters(
             roots.append(root)
     terms = [x for t in tables for x in t.terms]
     read_terms = [x for t in tables for x in t.read_terms]
-    parameters = Parameters(
+    parameters = StateParameters(
         scales,
         at,
         rates,

@@ -77,7 +77,7 @@ class Growth(Protocol):
 
 
 @runtime_checkable
-class Rotor(Protocol):
+class RotorTerm(Protocol):
     """A rotor of an ``inertia`` [kg m^2] seen at a ``joint`` whose place in v is ``link``, with the twist of
     its gear at ``gear`` in v or ``None``, a share ``carried`` round by the body before the joint; ``in_link``
     says whether the link counts it already.
@@ -140,8 +140,8 @@ def arrays_of(
 ) -> Kernel | None:
     """Return the arrays of a model, ``None`` for joints, springs or ``terms`` that the kernel does not know.
 
-    ``bodies`` stand for the model's own; of nonlinear terms it knows `Force`, `Beam`, `Growth` and `Rotor`.
-    ``balanced=False``: as `tree_of`.
+    ``bodies`` stand for the model's own; of nonlinear terms it knows `Force`, `Beam`, `Growth` and
+    `RotorTerm`. ``balanced=False``: as `tree_of`.
     """
     growing = [x for x in terms if isinstance(x, Growth)]
     found = tree_of(bodies or model.pin, model.free, balanced=balanced and not growing)
@@ -152,7 +152,7 @@ def arrays_of(
     found.bodies[model.spring_v - start, c.DAMPING] = model.damping
     forces = [x for x in terms if isinstance(x, Force)]
     beams = [x for x in terms if isinstance(x, Beam)]
-    rotors = [x for x in terms if isinstance(x, Rotor)]
+    rotors = [x for x in terms if isinstance(x, RotorTerm)]
     loaded = [x.rows[0] for x in forces if x.by_load()]
     known = len(forces) + len(beams) + len(growing) + len(rotors)
     if known < len(terms) or len(set(loaded)) < len(loaded):  # they see each other's
@@ -220,7 +220,7 @@ def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray
     return np.r_[len(table) + 4.0, max(row, -1.0), len(beam.v), len(beam.x), table]
 
 
-def _rotor_table(own: Kernel, start: int, rotor: Rotor) -> np.ndarray:
+def _rotor_table(own: Kernel, start: int, rotor: RotorTerm) -> np.ndarray:
     """Return a rotor as `smsid.kernel.rotors` has it; what a body and an armature have of it, they get."""
     row, twist = rotor.link - start, -1 if rotor.gear is None else rotor.gear - start
     parent, counted = own.tree[row, c.PARENT], 0.0 if rotor.in_link else 1.0

@@ -19,7 +19,7 @@ class TreeTables(NamedTuple):
     roots: np.ndarray
 
 
-class Parameters(NamedTuple):
+class StateParameters(NamedTuple):
     """Parameters in the state (m,), in units of ``scales``; the model is at the values ``at``.
 
     ``terms`` (k, 2) are (table, parameter): inverse dynamics of that table, times a weight, is how the forces
@@ -49,7 +49,7 @@ class Model(NamedTuple):
 
     craft: TreeTables
     senses: Readings
-    parameters: Parameters
+    parameters: StateParameters
 
 
 class Drive(NamedTuple):
