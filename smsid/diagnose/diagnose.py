@@ -311,9 +311,13 @@ def _from_likely_start(
         elif rest_is_likelier(*(begun if rested else begun[::-1])) != rested:
             read, problem, found = other, there, again
     if found.causes and found.left and (moving := start_beside_causes(found.last)):
-        read = with_start_of(read, moving)
-        problem = timed(read)
-        found = searched(problem, point, found)
+        other = with_start_of(read, moving)
+        there = timed(other)
+        again = searched(there, point, found)
+        if again.last is found.last:
+            found = again
+        elif again.last.objective < found.last.objective:
+            read, problem, found = other, there, again
     return read, problem, found
 
 

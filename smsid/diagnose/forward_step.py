@@ -161,8 +161,8 @@ class SearchState:
             return
         # beside an unknown structure, what a rival gives the bus is hidden: nothing speaks against it
         told = not (self.fitted.misfit or self.fitted.unknown)
-        larger = with_further(self.current, self.causes) if told else None
-        if larger is not None:  # else a rival is told from a law that is not yet all it can be
+        # else a rival is told from a law that is not yet all it can be
+        while told and (larger := with_further(self.current, self.causes)) is not None:
             self.take(larger)
         self.causes, found = exchange_step(
             self.causes, self.current, self.nominal, self.candidates, self.levels,
@@ -229,6 +229,7 @@ class SearchState:
             own = cause.score.candidate
             if may_be_open(own, self.current.problem) and any(t.location == own.location for t in left):
                 self._keep(with_errors_of_shape(self.current, own))
+                self._score_anew()  # what else acts there is not asked then
                 return True
         return False
 

@@ -380,7 +380,7 @@ def with_dynamics(found: MapFit, candidate: Candidate, nominal: Point | None = N
             continue
         LOGGER.info("%s in motion: %.1f, was %.1f", candidate.key, further.objective, best.objective)
         best = min(best, further, key=lambda f: f.objective)
-        if normalised_rmse(best.run) <= THRESHOLDS.followed:
+        if best is further and normalised_rmse(best.run) <= THRESHOLDS.noise_left:
             break
     return best
 

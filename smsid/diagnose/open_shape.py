@@ -39,7 +39,8 @@ from smsid.estimation.problem import Problem
 LOGGER = logging.getLogger(__name__)
 ROUNDS = 8  # times at most that a fit and the likeliest noise of its torque are brought together
 SPAN = 4.0  # decades below the torque itself in which that noise is looked for
-NEAR = 0.1  # decades to which it is looked for
+NEAR = 0.1  # decades within which it stays, at which a search ends
+EXACT = 0.02  # decades to which it is looked for: by 0.1 off, laws differ by more than their odds
 TOGETHER = 2  # laws of one joint at most
 STANDING = 3  # sets of laws that are fitted without the others of their place
 
@@ -93,6 +94,7 @@ def with_open_shape(
         alone = [(*_fit_alone(fitted, some, laws, every, rest, dof), some) for some in told[:STANDING]]
         price, fitted, named = min(alone, key=lambda x: x[0])
         near = [some for paid, _, some in alone if some is not named and paid - price < THRESHOLDS.alias]
+        near += told[STANDING:]
         exact = fit_to_stated_noise(fitted.point, fitted.unknowns, fitted.problem)
         if exact is None:
             return None
@@ -135,7 +137,7 @@ def _fit_torque_noise(point: Point, unknowns: Sequence[Unknown], problem: Proble
         def unlikely(decades: float, model=model, here=here) -> float:
             return -run_filter(model, _loose(here, dof, size * 10.0**decades)).log_likelihood
 
-        best = minimize_scalar(unlikely, bounds=(-SPAN, 0.5), method="bounded", options={"xatol": NEAR})
+        best = minimize_scalar(unlikely, bounds=(-SPAN, 0.5), method="bounded", options={"xatol": EXACT})
         found = fit(point, unknowns, _loose(problem, dof, size * 10.0**best.x), iterations=6)
         point, problem, before, tried = found.point, found.problem, tried, best.x
         if abs(tried - before) < NEAR:
@@ -162,12 +164,20 @@ def _fit_alone(
     off = {n: every[n].nominal for c in laws for n in c.free if n not in mine}
     effect = named[0].instance(found.point).with_values(off)
     kept = {u.name: u for c in named for u in (*c.unknowns(rest), *_further(found.point, c))}
-    alone = _fit_torque_noise(found.point.with_effect(effect), [*rest, *kept.values()], found.problem, dof)
+    try:
+        alone = _fit_torque_noise(
+            found.point.with_effect(effect), [*rest, *kept.values()], found.problem, dof
+        )
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not by %s alone: %s", [c.shape for c in named], error)
+        return np.inf, found
     return 2.0 * alone.objective + len(kept) * float(np.log(alone.run.samples)), alone
 
 
 def _smallest_accepted_sets(found: MapFit, laws: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
-    """Return the fewest laws beside which all others of a place may be nothing, the likeliest first."""
+    """Return the fewest laws beside which all others of a place may be nothing, in the order of the chance
+    that they are.
+    """
     names = [u.name for u in found.unknowns]
     covariance = found.covariance()
     for few in range(1, TOGETHER + 1):
@@ -180,14 +190,14 @@ def _smallest_accepted_sets(found: MapFit, laws: Sequence[Candidate]) -> list[tu
             sigma = np.where(sigma > 0.0, sigma, 1.0)
             scaled = covariance[np.ix_(index, index)] / np.outer(sigma, sigma)
             told = float(value / sigma @ np.linalg.pinv(scaled, hermitian=True) @ (value / sigma))
-            chances.append((float(chi2.sf(told, len(index))), -sum(len(c.free) for c in some), some))
+            chances.append((float(chi2.sf(told, len(index))), some))
         LOGGER.info(
             "laws: %s",
-            [(p, [c.shape for c in some]) for p, _, some in sorted(chances, key=lambda x: -x[0])[:6]],
+            [(p, [c.shape for c in some]) for p, some in sorted(chances, key=lambda x: -x[0])[:6]],
         )
-        stand = sorted((c for c in chances if c[0] > THRESHOLDS.beyond), key=lambda c: (-c[1], -c[0]))
+        stand = sorted((c for c in chances if c[0] > THRESHOLDS.beyond), key=lambda c: -c[0])
         if stand:
-            return [some for *_, some in stand]
+            return [some for _, some in stand]
     return []
 
 

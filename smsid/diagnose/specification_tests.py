@@ -162,8 +162,8 @@ def whiteness(found: MapFit) -> list[SpecificationTest]:
     """
     e, used = found.run.innovations, found.run.used
     out = []
-    for dof, _ in found.problem.noise.shapes:  # it acts as often as the rate and the load come again
-        errors = shape_errors(found.run, dof, by_load=True).reshape(e.size, -1)
+    for dof, _ in found.problem.noise.shapes:
+        errors = shape_errors(found.changes.model, found.run, dof).reshape(e.size, -1)
         e = e - (errors @ np.linalg.lstsq(errors, e.ravel(), rcond=None)[0]).reshape(e.shape)
     left_open = tuple(f"[{joint}]" for joint in open_joints(found))  # errors of a shape are not white
     for row, name in enumerate(found.problem.data.names):

@@ -38,7 +38,7 @@ from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import RecordingError, SmsidError
-from smsid.estimation.map_estimate import MapFit
+from smsid.estimation.map_estimate import MapFit, continue_fit
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
@@ -160,18 +160,19 @@ def _initial_state(
     """
     first = fitted = None
     lost: SmsidError | np.linalg.LinAlgError | None = None
-    strays = True
+    strays, bent = True, False
     try:
         first = first_fit(point, problem, unknowns)
-        strays = max(normalised_rmse(first.fit.run), first.fit.stretch) > THRESHOLDS.strays
+        strays = normalised_rmse(first.fit.run) > THRESHOLDS.strays
+        if not strays and first.fit.stretch > THRESHOLDS.strays:
+            first = replace(first, fit=continue_fit(first.fit, iterations=8))
+            bent = strays = _is_bent(first.fit)
         fitted = with_levels(first, point)
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("the nominal parameters cannot be fitted: %s", error)
         lost, fitted = error, but_for_one(point, problem, unknowns, np.ones(problem.data.rows))
     # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
-    # nor where the parameters are bent beyond belief to follow
-    local = fitted is not None and strays and fitted.fit.stretch <= THRESHOLDS.strays
-    local = local and fitted is not None and (fitted.alone or _is_local(fitted))
+    local = fitted is not None and strays and not bent and (fitted.alone or _is_local(fitted))
     if strays and not local:
         # beside a structure that does not move as described, nothing follows but with that unknown; where all
         # else is followed then, no cause elsewhere is as strong
@@ -185,7 +186,7 @@ def _initial_state(
                 break
             elsewhere = [c for c in candidates if not (place and is_at(c.location, place))]
             coarse = coarse_cause(point, seen, unknowns, elsewhere)
-            if coarse is None or (not place and first and coarse.fit.objective > first.fit.objective):
+            if coarse is None or (bent and first and coarse.fit.objective > first.fit.objective):
                 continue
             try:
                 begun = with_levels(InflatedFit(coarse.fit, np.ones(problem.data.rows), unknown=place))
@@ -204,6 +205,12 @@ def _initial_state(
             recording=problem.recording.name,
         )
     return SearchState(fitted, candidates, levels)
+
+
+def _is_bent(found: MapFit) -> bool:
+    """Whether a fit follows, but not to the noise, and with nominal parameters that nobody would believe."""
+    left = normalised_rmse(found.run)
+    return THRESHOLDS.noise_left < left and found.stretch > THRESHOLDS.strays
 
 
 def _is_local(fitted: InflatedFit) -> bool:
@@ -229,8 +236,15 @@ def _apply_generic_tests(state: SearchState, coarse: frozenset[str]) -> tuple[Sp
     if state.fitted.misfit or _is_unexplained(state, blocks, coarse):
         return blocks
     law = _significant(blocks, (), state.levels, coarse)  # little beside its cause, far more than the noise
-    errs = state.guarded(LAW, lambda: state.let_law_err(law))
-    return (*state.held, *adequacy(state.current)) if errs else blocks
+    before = {**vars(state)}
+    if not state.guarded(LAW, lambda: state.let_law_err(law)):
+        return blocks
+    again = (*state.held, *adequacy(state.current))
+    if not _is_unexplained(state, again, coarse):
+        return again
+    vars(state).update(before)
+    state.forget_columns()
+    return blocks
 
 
 def _is_unexplained(state: SearchState, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:

@@ -74,15 +74,18 @@ def coarse_cause(
     ahead = sorted(((likely, c, at) for likely, at, c in ahead), key=lambda s: -s[0])
     LOGGER.info("coarse: %.1f without; %s", nothing, [(c.key, likely) for likely, c, _ in ahead])
     fitted: list[tuple[Candidate, MapFit, tuple[Cause, ...]]] = []
-    for likely, c, at in ahead[:TRIED]:
+    tried = 0
+    for likely, c, at in ahead:
         most, best_one, _ = ahead[0]
         close = likely - nothing > THRESHOLDS.close * (most - nothing)
         # where a model may err, laws of one effect differ less by their likelihood than by where they begin
-        if fitted and not (close or c.key[:2] == best_one.key[:2]):
-            break
-        if not any(laws and c.key[:2] == own.key[:2] for own, _, laws in fitted):
-            found = _fit_with_less_process_noise(c, at, problem, unknowns, candidates)
-            fitted += [] if found is None else [(c, *found)]
+        alike = close or c.key[:2] == best_one.key[:2]
+        known = any(laws and c.key[:2] == own.key[:2] for own, _, laws in fitted)
+        if tried == TRIED or known or (fitted and not alike):
+            continue
+        tried += 1
+        found = _fit_with_less_process_noise(c, at, problem, unknowns, candidates)
+        fitted += [] if found is None else [(c, *found)]
     if not fitted:
         return None
     candidate, found, laws = min(fitted, key=lambda x: x[1].objective)
@@ -217,4 +220,5 @@ def _fit_with_less_process_noise(
         return None if found.stretch > THRESHOLDS.strays else (found, ())
     if not may_be_open(candidate, problem):
         return None
-    return with_open_shape(point, unknowns, problem, candidate, candidates)  # the last fit is bent to it
+    opened = with_open_shape(point, unknowns, problem, candidate, candidates)  # the last fit is bent to it
+    return None if opened is None or opened[0].stretch > THRESHOLDS.strays else opened

@@ -99,13 +99,13 @@ def values(
     unknowns: dict[str, Unknown] = {u.name: u for u in found.last.unknowns}
     assumed = _assumed_parameters(found, candidate)
     covariance = (found.last.with_unfitted(assumed) if assumed else found.last).covariance()
-    names = [u.name for u in found.last.unknowns]
+    names, told = [u.name for u in found.last.unknowns], found.last.told
     covariance = covariance[: len(names), : len(names)] + sum(s.covariance for s in starts.values())
     out = []
     for name in (*candidate.free, *(n for n in candidate.also if n in unknowns)):
         u = unknowns[name]
         i = names.index(name)
-        sigma = float(np.sqrt(covariance[i, i]))
+        sigma = float(np.sqrt(covariance[i, i])) if told[i] else np.inf
         nominal = u.nominal if candidate.effect is None else None
         value, ends = float(found.last.point.value(u)), found.bent.get(name)
         # of a fit without hints that is elsewhere, it is no interval
@@ -199,7 +199,8 @@ def _pattern_left(found: Search, standing: Sequence[FoundCause]) -> tuple[Specif
     pattern apart, a cause that stands takes away what is its own.
     """
     sought = {c.score.candidate.key[:2] for c in found.causes}
-    if found.left and any((c.effect, c.location) in sought for c in standing):
+    stand = {(c.effect, c.location) for c in standing} & sought
+    if found.left and sought and stand == sought:  # beside hints, it is what these leave, too
         return found.left
     return found.left_before or found.left
 

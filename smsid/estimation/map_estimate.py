@@ -140,10 +140,11 @@ class MapFit:
 
     @property
     def stretch(self) -> float:
-        """Root mean square of what the parameters are off their priors by, in standard deviations: what is
-        known of them counts like what was measured.
+        """Root mean square of what the parameters that have priors are off by, in standard deviations: what
+        is known of them counts like what was measured.
         """
-        return float(np.sqrt(np.mean(self.prior.off**2))) if len(self.prior.off) else 0.0
+        known = self.prior.off[(self.prior.rows != 0.0).any(axis=1)]
+        return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
 
     def left(self, columns: np.ndarray) -> np.ndarray:
         """Return what of whitened columns (N rows, d) the fitted parameters cannot do: (N rows + priors, d).
@@ -238,7 +239,7 @@ class MapFit:
     def _by_shape(self) -> list[np.ndarray]:
         """Slopes (m, k) by the parameters that errors of shape of one make, for every joint that has them."""
         flat = self.whitened.reshape(-1, len(self.unknowns)).T
-        errors = (shape_errors(self.run, dof) for dof, _ in self.problem.noise.shapes)
+        errors = (shape_errors(self.changes.model, self.run, dof) for dof, _ in self.problem.noise.shapes)
         return [flat @ e.reshape(flat.shape[1], -1) for e in errors]
 
     def with_unfitted(self, more: Sequence[Unknown]) -> MapFit:

@@ -99,6 +99,10 @@ class Recording(ShortRepr):
     def __iter__(self) -> Iterator[str]:
         return iter(self.channels)
 
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the channels, so that `dict` knows what to do with a recording."""
+        return self.channels
+
     def __contains__(self, name: object) -> bool:
         return name in self._data.channels
 

@@ -167,7 +167,10 @@ def test_the_limits_are_seen_in_nineteen_cases_of_twenty():
 def test_not_knowing_when_it_began_is_in_every_interval():
     unknown = SimpleNamespace(name="rub.viscous", nominal=0.0, unit="N m s/rad", lower=0.0, upper=np.inf)
     last = SimpleNamespace(
-        unknowns=(unknown,), covariance=lambda: np.array([[4.0]]), point=SimpleNamespace(value=lambda u: 1.0)
+        unknowns=(unknown,),
+        told=np.ones(1, dtype=bool),
+        covariance=lambda: np.array([[4.0]]),
+        point=SimpleNamespace(value=lambda u: 1.0),
     )
     own = Candidate("joint_friction", "joint1", "friction", "viscous", None, ("rub.viscous",), (1.0,))
     began = {"rub": SimpleNamespace(covariance=np.array([[5.0]]))}

@@ -1,6 +1,7 @@
 """Laws whose shape is left open: what their errors do to parameters, and which law is told."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ def opened(known, problem):
 
 def test_errors_of_all_octaves_together_are_a_torque_against_the_motion(opened):
     ((dof, _),) = opened.problem.noise.shapes
-    found = shape_errors(opened.run, dof)
+    found = shape_errors(opened.changes.model, opened.run, dof)
     at, middle = (np.sign(s.v[:, dof]) for s in (opened.run.states, opened.run.middle))
     (whole,) = np.moveaxis(propagate(opened.run, [Sensitivity.on(dof, middle, at)]), 2, 0)
     assert found.shape[2] > 3
@@ -38,7 +39,7 @@ def test_an_error_of_shape_counts_in_every_interval(opened):
     ((dof, sigma),) = opened.problem.noise.shapes
     plain = np.linalg.inv(opened.gram) * np.outer(opened.scales, opened.scales)
     more = opened.covariance() - plain
-    errors = shape_errors(opened.run, dof).reshape(opened.whitened[..., 0].size, -1)
+    errors = shape_errors(opened.changes.model, opened.run, dof).reshape(opened.whitened[..., 0].size, -1)
     slopes = opened.whitened.reshape(len(errors), -1).T @ errors
     bent = plain @ (slopes / opened.scales[:, None]) * sigma
     assert np.diag(more) == pytest.approx((bent**2).sum(axis=1), rel=1e-3)
@@ -64,11 +65,15 @@ def test_only_laws_of_nature_there_all_the_time_may_be_open(opened, problem):
     assert not may_be_open(replace(own, effect=gain, free=("gain.error",)), problem)
 
 
-def test_an_error_that_comes_again_with_rate_and_load_is_no_memory_of_a_channel(opened):
+@pytest.mark.parametrize("load", [0.0, 0.05])
+def test_an_error_that_comes_again_with_rate_and_load_is_no_memory_of_a_channel(known, opened, load):
     """Load-dependent friction, told to 1 %, was not explained: the IMU felt what its sign lacked."""
     ((dof, _),) = opened.problem.noise.shapes
-    errors, rng = shape_errors(opened.run, dof, by_load=True), np.random.default_rng(3)
-    assert errors.shape[2] == 2 * shape_errors(opened.run, dof).shape[2]
+    rubs = JointFriction(name="rubs", joint=JOINT, coulomb=0.1, load=load)
+    opened = evaluate(known.point.with_effect(rubs), known.unknowns, opened.problem)
+    errors, rng = shape_errors(opened.changes.model, opened.run, dof), np.random.default_rng(3)
+    by_rate = shape_errors(SimpleNamespace(loads=()), opened.run, dof)
+    assert np.allclose(errors, by_rate) is not bool(load)
     size = 30.0 / np.sqrt((errors**2).sum(axis=(0, 1)).clip(1e-12))
     lacking = replace(
         opened.run, innovations=opened.run.innovations + errors @ (size * rng.choice((-1, 1), len(size)))

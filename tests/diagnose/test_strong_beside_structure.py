@@ -116,3 +116,24 @@ def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch)
     stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ())
     asked = [step for step in steps if step != "forget_columns"]
     assert asked == ["forward_step", "close", "prune", "restore", "forward_step", "close", "prune"]
+
+
+@pytest.mark.parametrize(
+    ("left", "stretch", "objective", "taken"),
+    [(1.5, 100.0, -1.0, True), (1.5, 100.0, 1.0, False), (1.5, 20.0, -1.0, False), (1.0, 100.0, -1.0, False)],
+)
+def test_what_is_followed_by_bodies_that_nobody_believes_may_be_a_strong_cause(
+    asked, monkeypatch, left, stretch, objective, taken
+):
+    """Where it is likelier, and noise is not all that is left: a mass that is off is no fit to be doubted."""
+    bent = SimpleNamespace(run=None, point=None, stretch=stretch, objective=0.0)
+    strong = SimpleNamespace(run=None, point=None, stretch=0.0, objective=objective)
+    nominal = SimpleNamespace(fit=bent, misfit=False, alone=False, by_channel={}, unknown="")
+    monkeypatch.setattr(stepwise, "first_fit", lambda *_: nominal)
+    monkeypatch.setattr(stepwise, "replace", lambda x, **changes: x)
+    monkeypatch.setattr(stepwise, "continue_fit", lambda fit, **_: fit)
+    monkeypatch.setattr(stepwise, "normalised_rmse", lambda *_: left)
+    monkeypatch.setattr(stepwise, "unknown_structures", lambda *_: ())
+    monkeypatch.setattr(stepwise, "coarse_cause", lambda *_: Coarse("nominal", strong, "cause"))
+    _, _, known = begun()
+    assert known == ({"known": "cause", "nominal": "nominal"} if taken else {})

@@ -277,3 +277,4 @@ def test_a_recording_is_gone_through_by_its_channels():
     """`list(recording)` and `dict(recording)` ended in an error of difflib's."""
     rec = recording()
     assert list(rec) == list(rec.channels) and set(rec) == {c for c in rec.channels if c in rec}
+    assert {c: x.shape for c, x in dict(rec).items()} == {c: rec[c].shape for c in rec.channels}
