@@ -64,11 +64,14 @@ class SearchState:
         *,
         known: Sequence[Cause] = (),
         nominal: MapFit | None = None,
+        lost: SmsidError | np.linalg.LinAlgError | None = None,
     ) -> None:
         """Begin with the nominal parameters fitted, or with causes ``known`` beside them already.
 
-        ``nominal`` is then the fit without it, in a model that may err.
+        ``nominal`` is then the fit without it, in a model that may err. ``lost`` is why it has to err
+        (`erring_fit`).
         """
+        self.lost = lost
         self.fitted, self.candidates, self.levels = fitted, tuple(candidates), levels
         self.causes: list[Cause] = list(known)
         self.held: tuple[SpecificationTest, ...] = ()

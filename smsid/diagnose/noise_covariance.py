@@ -29,6 +29,7 @@ MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 FEW = THRESHOLDS.noise_told
+SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion
 NEAR = 10.0  # gain of the log-posterior below which a first, loose fit is near enough
 
 
@@ -38,7 +39,8 @@ class InflatedFit:
 
     ``misfit`` is ``True`` where they count what the model cannot follow, not the sensors' noise alone;
     ``alone`` where a component or a channel was not fitted, as it strays by itself. ``unknown`` names the
-    structure whose motion was taken as unknown; where ``local`` is ``False``, none may be.
+    structure whose motion was taken as unknown; where ``local`` is ``False``, none may be. ``strict`` is the
+    process noise as stated where the model of the fit may err by more.
     """
 
     fit: MapFit
@@ -47,12 +49,13 @@ class InflatedFit:
     alone: bool = False
     unknown: str = ""
     local: bool = True
+    strict: ProcessNoise | None = None
 
     @property
     def stated(self) -> Problem:
         """The problem with the noise as stated."""
-        problem = self.fit.problem
-        return replace(problem, data=problem.data.scaled(1.0 / self.factors), coloured=False)
+        problem, noise = self.fit.problem, self.strict or self.fit.problem.noise
+        return replace(problem, data=problem.data.scaled(1.0 / self.factors), noise=noise, coloured=False)
 
     @property
     def by_channel(self) -> dict[str, float]:
@@ -84,6 +87,21 @@ def first_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> In
     # far off, the motion drifts too far for a linear step: first with inputs that are not quite believed
     near = fit(point, unknowns, replace(problem, noise=LOOSE), iterations=4, enough=NEAR).point
     return InflatedFit(fit(near, unknowns, problem, iterations=2), np.ones(problem.data.rows))
+
+
+def erring_fit(point: Point, problem: Problem, unknowns: Sequence[Unknown]) -> InflatedFit | None:
+    """Return a fit of a model that may err by the least share of what drives the motion with which it follows
+    a recording that it loses; nothing where it never does.
+    """
+    for share in reversed(SHARES):
+        try:
+            found = fit(point, unknowns, loosen_model(point.model(), problem, share), iterations=4)
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("nor if the model errs by %.2g of what drives it: %s", share, error)
+            continue
+        LOGGER.info("followed by a model that errs by %.2g of what drives it", share)
+        return InflatedFit(found, np.ones(problem.data.rows), misfit=True, strict=problem.noise)
+    return None
 
 
 def strays_by_row(run: FilterRun, factors: np.ndarray) -> np.ndarray:

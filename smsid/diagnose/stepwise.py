@@ -17,8 +17,8 @@ from smsid.diagnose.noise_covariance import (
     FOLLOWED,
     InflatedFit,
     but_for_one,
+    erring_fit,
     first_fit,
-    fit_to_stated_noise,
     normalised_rmse,
     strays_by_row,
     unknown_structures,
@@ -38,7 +38,7 @@ from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import RecordingError, SmsidError
-from smsid.estimation.map_estimate import MapFit, continue_fit
+from smsid.estimation.map_estimate import MapFit, continue_fit, fit
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
@@ -117,6 +117,8 @@ def search(
     state = _initial_state(point, problem, tuple(unknowns), candidates, levels)
     clock.append(time.process_time())
     _look(state)
+    if state.lost and state.fitted.strict:  # no cause lets it follow as a model that does not err
+        raise state.lost
     unknown = state.fitted.unknown
     if unknown:  # afterwards misfit counts, and what was proven before it did is not judged again
         state.guarded(PRUNING, state.prune)
@@ -174,15 +176,11 @@ def _initial_state(
     # one sensor alone, or misfit where it is: no cause of the whole motion is as strong as that
     local = fitted is not None and strays and not bent and (fitted.alone or _is_local(fitted))
     if strays and not local:
-        # beside a structure that does not move as described, nothing follows but with that unknown; where all
-        # else is followed then, no cause elsewhere is as strong
+        # beside a structure that does not move as described, nothing follows but with that unknown; where the
+        # rest does then, no cause elsewhere is as strong
         structures = () if first is None else unknown_structures(first.fit, problem)
         for place, seen in chain([("", problem)], structures):
-            if (
-                first is not None
-                and place
-                and fit_to_stated_noise(first.fit.point, unknowns, seen) is not None
-            ):
+            if first is not None and place and _follows(first.fit.point, unknowns, seen):
                 break
             elsewhere = [c for c in candidates if not (place and is_at(c.location, place))]
             coarse = coarse_cause(point, seen, unknowns, elsewhere)
@@ -197,7 +195,10 @@ def _initial_state(
                 LOGGER.info("the search does not go on from a strong cause: %s", error)
     if fitted is None:
         assert lost is not None
-        raise lost
+        fitted = erring_fit(point, problem, unknowns)
+        if fitted is None:
+            raise lost
+        return SearchState(fitted, candidates, levels, lost=lost)
     if fitted.misfit and not local and unexplained_fraction(fitted.fit, fitted.by_channel) > THRESHOLDS.lost:
         raise RecordingError(
             "The model predicts the motion worse than no motion would, with its parameters fitted.",
@@ -205,6 +206,15 @@ def _initial_state(
             recording=problem.recording.name,
         )
     return SearchState(fitted, candidates, levels)
+
+
+def _follows(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> bool:
+    """Whether nominal parameters alone follow, but for misfit: there is nothing strong to be found then."""
+    try:
+        return normalised_rmse(fit(point, unknowns, problem, iterations=2).run) <= THRESHOLDS.misfit
+    except (SmsidError, np.linalg.LinAlgError) as error:
+        LOGGER.info("not followed: %s", error)
+        return False
 
 
 def _is_bent(found: MapFit) -> bool:

@@ -16,7 +16,7 @@ from itertools import chain
 import numpy as np
 
 from smsid.diagnose.model_comparison import Cause, unfitted_parameters, with_dynamics
-from smsid.diagnose.noise_covariance import MISFIT, normalised_rmse
+from smsid.diagnose.noise_covariance import MISFIT, SHARES, normalised_rmse
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.plausibility import impossible_fit
 from smsid.diagnose.score_test import Candidate, score_candidates, signatures
@@ -31,7 +31,6 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion
 COMPARISON_RATE = 5.0  # [Hz] at which strong causes are compared at first
 SUBSTEP = 0.05  # [s] of the integration there
 LIKELY = 12  # candidates that are begun as strong as to first order

@@ -38,9 +38,7 @@ def asked(monkeypatch):
         "normalised_rmse": lambda *_: 1e3,
         "_is_local": lambda _: False,
         "unexplained_fraction": lambda *_: 2.0 - bool(asked.alone) * 1.5,
-        "fit_to_stated_noise": lambda point, unknowns, problem: (
-            "fit" if problem.name == asked.alone else None
-        ),
+        "_follows": lambda point, unknowns, problem: problem.name == asked.alone,
         "coarse_cause": coarse,
         "unknown_structures": unknown,
         "with_levels": levels,
