@@ -148,7 +148,8 @@ def predict_delayed(
     forces: tuple[np.ndarray, np.ndarray],
     plant: ProcessModel,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Predict what late sensors read: the state (q, v) carried back by each delay, forces held.
+    """Predict what late sensors read: the state (q, v) carried back by each delay, forces held, and
+    accelerations going straight from what they were then to what they are now: to the third order of it.
 
     ``forces`` are those just before the sample, which a late reading is under, and just after it, for one
     that is early.
@@ -158,9 +159,12 @@ def predict_delayed(
     for delay in np.unique(late[late != 0.0]):
         tau = forces[0] if delay > 0.0 else forces[1]
         under = plant.acceleration(t, q, v, tau)
-        back = pin.integrate(plant.pin, q, -delay * v + 0.5 * delay**2 * under)
-        before = v - delay * under
-        then = outputs.predict(back, before, plant.acceleration(t - delay, back, before, tau))
+        back, before, far = q, v, under
+        for _ in range(kernel.BACK):
+            back = pin.integrate(plant.pin, q, -delay * v + delay**2 * (2.0 * under + far) / 6.0)
+            before = v - 0.5 * delay * (under + far)
+            far = plant.acceleration(t - delay, back, before, tau)
+        then = outputs.predict(back, before, far)
         for block, own in zip(outputs.data.blocks, late, strict=True):
             if own == delay:
                 if block.quantity == "attitude":  # predicted as a rotation from the attitude there is now

@@ -28,6 +28,7 @@ from smsid.kernel.motion import chart_velocity, move, start_of_chart
 from smsid.kernel.readings import ATTITUDE, add_twists, read, residual, rotation_vector
 from smsid.kernel.tree import acceleration, workspace
 
+BACK = 2  # times that a late reading is carried back: a third would change it by the fifth order of its delay
 DONE = -1  # what `run` returns where no sample was lost
 
 
@@ -160,7 +161,7 @@ def read_all(tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, der
     """Write what sensors number ``t`` read of a state, also late ones, and if asked the derivatives.
 
     A late one reads the state carried back by its delay, under the forces just before the sample; one that is
-    early, under those just after it: ``sides`` (2, nv).
+    early, under those just after it: ``sides`` (2, nv); as `smsid.estimation.filter_pass.predict_delayed`.
     """
     h, by_q, by_v, by_a = out
     read(senses, t, root, q, v, a, angles, gravity, derive, h, by_q, by_v, by_a)
@@ -173,16 +174,19 @@ def read_all(tree, bodies, root, senses, t, q, v, a, angles, gravity, sides, der
             continue
         force = sides[0] if delay > 0.0 else sides[1]
         acceleration(tree, bodies, root, angles, v, force, gravity, work, rate)
-        for c in range(len(v)):
-            behind[c] = -delay * v[c] + 0.5 * delay**2 * rate[c]
-        move(tree, root, q, behind, back)
-        for c in range(len(v)):
-            behind[c] = v[c] - delay * rate[c]
-        down = start_of_chart(tree, root, back, there)
-        root[TIME] = now - delay
-        acceleration(tree, bodies, root, there, behind, force, down, work, far)
-        root[TIME] = now
-        start_of_chart(tree, root, q, angles)  # forces in inertial axes are again those of here
+        far[:] = rate
+        down = gravity
+        for _ in range(BACK):  # the acceleration goes straight from what it was then to what it is now
+            for c in range(len(v)):
+                behind[c] = -delay * v[c] + delay**2 * (2.0 * rate[c] + far[c]) / 6.0
+            move(tree, root, q, behind, back)
+            for c in range(len(v)):
+                behind[c] = v[c] - 0.5 * delay * (rate[c] + far[c])
+            down = start_of_chart(tree, root, back, there)
+            root[TIME] = now - delay
+            acceleration(tree, bodies, root, there, behind, force, down, work, far)
+            root[TIME] = now
+            start_of_chart(tree, root, q, angles)  # forces in inertial axes are again those of here
         read(senses, t, root, back, behind, far, there, down, derive, old, old_q, old_v, old_a)
         for row in range(first, first + count):
             h[row] = old[row]

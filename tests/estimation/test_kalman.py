@@ -160,6 +160,27 @@ def test_a_late_sensor_reads_what_was_a_delay_ago(known, problem, delay):
         assert off < 0.05 * np.abs(now[block.rows] - expected[block.rows]).max() + 1e-12, block.channel
 
 
+def test_a_late_reading_is_off_by_the_fourth_order_of_its_delay(known, problem):
+    """By the third, an encoder 36 ms late was twice as loud as its noise, and its delay 0.2 % off."""
+    model = known.point.base
+    plant, outputs = ProcessModel(model, problem.locked), MeasurementModel(model, problem.data)
+    rng = np.random.default_rng(5)
+    q = pin.integrate(model.pin, model.home, 0.1 * rng.standard_normal(model.nv))
+    v, tau = 0.1 * rng.standard_normal((2, model.nv))
+    now = plant.acceleration(1.0, q, v, tau)
+    (block,) = (b for b in problem.data.blocks if b.channel == "encoder.joint_position")
+    off = []
+    for delay in (0.08, 0.04):
+        late = np.full(len(problem.data.blocks), delay)
+        found = predict_delayed(outputs, late, 1.0, (q, v), now, (tau, tau), plant)[0]
+        before, slower = q, v
+        for k in range(16):
+            before, slower = plant.step(1.0 - k * delay / 16, -delay / 16, before, slower, tau)
+        expected = outputs.predict(before, slower, plant.acceleration(1.0 - delay, before, slower, tau))[0]
+        off.append(np.abs(found[block.rows] - expected[block.rows]).max())
+    assert off[0] > 11.0 * off[1]  # 16 by the fourth order, 8 by the third
+
+
 @pytest.mark.parametrize(
     ("side", "begins", "counts"), [("left", 1.0, False), ("left", 0.0, True), ("right", 1.0, True)]
 )
