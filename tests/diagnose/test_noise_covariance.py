@@ -8,12 +8,14 @@ import pytest
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from smsid.diagnose import noise_covariance
 from smsid.diagnose.forward_step import SearchState
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import (
     InflatedFit,
     _told_by_noise,
     but_for_a_structure,
+    erring_fit,
     first_fit,
     misfit_factors,
     noise_factors,
@@ -267,3 +269,23 @@ def test_errors_slower_than_the_record_are_no_cause(known, problem, flown, seed)
     while state.forward_step():
         pass
     assert not state.causes
+
+
+def test_a_model_that_loses_a_recording_errs_by_as_little_as_it_has_to(known, problem, monkeypatch):
+    """Its process noise is that of a model that may err; as stated it is what it was."""
+    lost = []
+
+    def fitted(point, unknowns, problem, iterations):
+        errs = max(x for _, x in problem.noise.accelerations)
+        lost.append(errs)
+        if len(lost) != 3:
+            raise SimulationError("lost")
+        return evaluate(point, unknowns, problem)
+
+    monkeypatch.setattr(noise_covariance, "fit", fitted)
+    found = erring_fit(known.point, problem, known.unknowns[:1])
+    assert found is not None and found.misfit
+    assert lost == pytest.approx([0.001 * lost[2] / 0.1, 0.01 * lost[2] / 0.1, lost[2]])
+    assert found.fit.problem.noise.accelerations and not found.stated.noise.accelerations
+    assert found.stated.noise == found.strict == problem.noise
+    assert erring_fit(known.point, problem, known.unknowns[:1]) is None and len(lost) == 7

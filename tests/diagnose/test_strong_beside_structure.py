@@ -8,7 +8,7 @@ import pytest
 from smsid.diagnose import stepwise
 from smsid.diagnose.strong_causes import Coarse
 from smsid.diagnose.thresholds import DetectionThresholds
-from smsid.errors import RecordingError
+from smsid.errors import RecordingError, SimulationError
 
 PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.acceleration"))
 
@@ -98,6 +98,7 @@ def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch)
     steps = []
 
     class Searching:
+        lost = None
         fitted = SimpleNamespace(unknown="panel", misfit=True, alone=False, by_channel={}, factors=np.ones(1))
         causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
         current = nominal = SimpleNamespace(run=None)
@@ -135,3 +136,42 @@ def test_what_is_followed_by_bodies_that_nobody_believes_may_be_a_strong_cause(
     monkeypatch.setattr(stepwise, "coarse_cause", lambda *_: Coarse("nominal", strong, "cause"))
     _, _, known = begun()
     assert known == ({"known": "cause", "nominal": "nominal"} if taken else {})
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_what_is_lost_is_searched_as_a_model_that_may_err(asked, monkeypatch, follows):
+    """Without an encoder's bias of 0.7 rad the filter lost an arm, and nothing was evaluated."""
+    error, noise = SimulationError("lost"), object()
+    erring = SimpleNamespace(unknown="", misfit=True, alone=False, by_channel={}, factors=np.ones(1))
+    erring.strict = noise
+
+    def lose(*_):
+        raise error
+
+    asked.follows = "nothing"
+    stubs = {"first_fit": lose, "but_for_one": lambda *_: None, "erring_fit": lambda *_: erring}
+    stubs["SearchState"] = lambda fitted, *_, **known: (fitted, known)
+    for name, stub in stubs.items():
+        monkeypatch.setattr(stepwise, name, stub)
+    assert begun() == (erring, {"lost": error})
+
+    class Searching:
+        lost, fitted = error, erring
+        causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
+        current = nominal = SimpleNamespace(run=None)
+
+        def guarded(self, what, step):
+            erring.strict = None if follows else noise
+            return False
+
+        def __getattr__(self, name):
+            return lambda *_: False
+
+    begins = {"_initial_state": Searching(), "adequacy": [], "band_tests": [], "normalised_rmse": 1.0}
+    for name, value in begins.items():
+        monkeypatch.setattr(stepwise, name, lambda *_, value=value: value)
+    if follows:
+        assert stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ()).last is Searching.current
+        return
+    with pytest.raises(SimulationError, match="lost"):
+        stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ())
