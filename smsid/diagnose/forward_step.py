@@ -27,7 +27,13 @@ from smsid.diagnose.model_comparison import (
     with_dynamics,
     with_further,
 )
-from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse, refit_noise, with_misfit
+from smsid.diagnose.noise_covariance import (
+    InflatedFit,
+    fit_to_stated_noise,
+    normalised_rmse,
+    refit_noise,
+    with_misfit,
+)
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.open_shape import may_be_open, with_errors_of_shape, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_candidates, signatures
@@ -135,7 +141,7 @@ class SearchState:
         rivals = [own.get(s.candidate.key, s) for s in self.scores]
         rivals.sort(key=self._worth, reverse=True)
         in_vain = {best.candidate.key}
-        worth = {"worth": self._worth} if self.fitted.misfit else {}
+        worth = {"worth": self._worth, "follows": self._follows} if self.fitted.misfit else {}
         cause, found = accept(
             self.current, best, rivals, self._asked, len(self.candidates), in_vain=in_vain, **worth
         )
@@ -270,6 +276,11 @@ class SearchState:
         if not s.freedom or s.ratio <= 0.0:
             return -np.inf
         return self.fitted.explained(np.asarray(s.columns), s.estimate)
+
+    def _follows(self, found: MapFit) -> bool:
+        """Whether a fit goes on to the noise as stated, where misfit is counted."""
+        exact = replace(self.fitted, fit=found).stated
+        return fit_to_stated_noise(found.point, found.unknowns, exact) is not None
 
     def _counts(self, s: Score) -> bool:
         """Whether there is something; odds order what counts, they do not decide."""

@@ -54,12 +54,14 @@ def accept(
     levels: DetectionThresholds,
     tried: int,
     worth: Callable[[Score], float] = lambda s: s.ratio,
+    follows: Callable[[MapFit], bool] = lambda found: False,
     in_vain: set[tuple[str, str, str]] | None = None,
 ) -> tuple[Cause | None, MapFit]:
     """Refit the best candidate, and its contenders where the linear score may be off; return the winner.
 
     ``tried`` is the number of candidates, which chances are corrected for; contenders are ``worth`` nearly as
-    much as the best. Without a winner the fit is
+    much as the best. What the winner explains is no chance where the model ``follows`` with
+    it, as it did not without. Without a winner the fit is
     ``current``, or a better one without the candidates that their refits led to; the keys of those that are
     by chance are put ``in_vain``: beside this fit they would be again.
     """
@@ -111,7 +113,7 @@ def accept(
             sure = max(sure, s.chance_of(nothing[id(s)]))
         return sure * tried > levels.candidate
 
-    if is_chance(winner, ratio):
+    if is_chance(winner, ratio) and not (ratio > THRESHOLDS.linear and follows(found)):
         gains = [(s, 2.0 * (current.objective - objective)) for _, s, objective in fitted]
         in_vain.update(s.candidate.key for s, gained in gains if is_chance(s, gained))
         return None, current

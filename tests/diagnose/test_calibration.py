@@ -86,6 +86,28 @@ def test_a_cause_pays_for_all_that_were_tried(monkeypatch, tried, named):
     assert (accept(current, best, [best], DetectionThresholds(), tried)[0] is not None) is named
 
 
+@pytest.mark.parametrize(
+    ("ratio", "follows", "named"), [(680.0, True, True), (680.0, False, False), (300.0, True, False)]
+)
+def test_what_lets_the_model_follow_is_no_chance(monkeypatch, ratio, follows, named):
+    """A second tank of 19 kg took too little of the misfit away to be proven by that, and was not named."""
+    run = SimpleNamespace(samples=1000)
+    found = SimpleNamespace(objective=0.0, run=run, unknowns=(), problem=Coloured(True))
+    monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: found)
+    monkeypatch.setattr("smsid.diagnose.model_comparison.chance_of_nothing", lambda *_: 1e-4)
+    current = SimpleNamespace(objective=0.5 * ratio, run=run, unknowns=())
+    best, asked = score(ratio, 1), []
+
+    def tried(fit):
+        asked.append(fit)
+        return follows
+
+    monkeypatch.setattr(type(best), "chance_of", lambda own, nothing: nothing)
+    cause, _ = accept(current, best, [best], DetectionThresholds(), 122, follows=tried)
+    assert (cause is not None) is named
+    assert asked == ([found] if ratio > DetectionThresholds().linear else [])
+
+
 def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypatch):
     """Wald's statistic of 12 is one case in two thousand: enough for one alone, not for one of sixty."""
 

@@ -28,6 +28,7 @@ CASES = [
             ("sms", "sensor_misalignment:angles.z@imu.angular_rate", -0.4, "sensor_misalignment", "angles.z"),
             # what its sign lacks near rest was felt by an accelerometer, and taken for its memory
             ("rigid", "joint_friction:load@joint2", 0.1732, "joint_friction", "load"),
+            ("sms", "slosh:second@tank2", 19.18, "slosh", "mass"),
             # the filter loses the recording without it: it was not evaluated
             ("arm", "sensor_bias:bias@encoder.joint_position[joint2]", -0.6875, "sensor_bias", "bias"),
             ("arm", "sensor_delay:delay@encoder.joint_position", 0.03552, "sensor_delay", "delay"),
