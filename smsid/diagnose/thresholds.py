@@ -58,7 +58,9 @@ class DetectionThresholds:
     close: float = _row(
         0.9, "of the best", "in worth, below which a strong candidate is not refitted beside it"
     )
-    strays: float = _row(30.0, NOISE, "that a first fit leaves, above which strong causes come first")
+    strays: float = _row(
+        30.0, NOISE, "that a first fit leaves, or sigmas its parameters are off: strong causes come first"
+    )
     lost: float = _row(1.0, MOTION, "that the nominal fit leaves: no motion predicts it too", "definition")
     misfit: float = _row(10.0, NOISE, "over all channels, above which what is not followed is counted")
     followed: float = _row(2.0, NOISE, "below which the model is taken to follow again")
