@@ -193,19 +193,18 @@ def _initial_state(
                 return SearchState(begun, candidates, levels, known=coarse.causes, nominal=coarse.nominal)
             except (SmsidError, np.linalg.LinAlgError) as error:
                 LOGGER.info("the search does not go on from a strong cause: %s", error)
-    if fitted is None:
-        assert lost is not None
-        fitted = erring_fit(point, problem, unknowns)
-        if fitted is None:
-            raise lost
-        return SearchState(fitted, candidates, levels, lost=lost)
-    if fitted.misfit and not local and unexplained_fraction(fitted.fit, fitted.by_channel) > THRESHOLDS.lost:
-        raise RecordingError(
-            "The model predicts the motion worse than no motion would, with its parameters fitted.",
-            advice="Is the recording of another spacecraft? Check signs and order of the commands.",
-            recording=problem.recording.name,
-        )
-    return SearchState(fitted, candidates, levels)
+    strange = fitted is not None and fitted.misfit and not local
+    if fitted and not (strange and unexplained_fraction(fitted.fit, fitted.by_channel) > THRESHOLDS.lost):
+        return SearchState(fitted, candidates, levels)
+    lost = lost or RecordingError(
+        "The model predicts the motion worse than no motion would, with its parameters fitted.",
+        advice="Is the recording of another spacecraft? Check signs and order of the commands.",
+        recording=problem.recording.name,
+    )
+    erring = erring_fit(point, problem, unknowns)
+    if erring is None:
+        raise lost
+    return SearchState(erring, candidates, levels, lost=lost)
 
 
 def _follows(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> bool:

@@ -16,7 +16,7 @@ PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.a
 @pytest.fixture
 def asked(monkeypatch):
     """What strong causes were sought in, and among which candidates; the whole is not followed with any."""
-    asked = SimpleNamespace(seen=[], follows="without panel", alone="", refined=[], lost=())
+    asked = SimpleNamespace(seen=[], follows="without panel", alone="", refined=[], lost=(), erring=None)
     fit = SimpleNamespace(run=None, point=None, stretch=0.0, objective=0.0)
 
     def coarse(point, problem, unknowns, candidates):
@@ -40,6 +40,7 @@ def asked(monkeypatch):
         "unexplained_fraction": lambda *_: 2.0 - bool(asked.alone) * 1.5,
         "_follows": lambda point, unknowns, problem: problem.name == asked.alone,
         "coarse_cause": coarse,
+        "erring_fit": lambda *_: asked.erring,
         "unknown_structures": unknown,
         "with_levels": levels,
         "refine_steps": lambda fit: asked.refined.append(fit) or fit,
@@ -83,6 +84,9 @@ def test_what_is_not_followed_with_any_structure_unknown_is_refused(asked):
     with pytest.raises(RecordingError, match="worse than no motion"):
         begun()
     assert len(asked.seen) == 3
+    asked.erring = SimpleNamespace(unknown="erring")
+    unknown, _, known = begun()  # by a model that errs it is searched, and refused if that finds nothing
+    assert unknown == "erring" and "worse than no motion" in str(known["lost"])
 
 
 def test_no_strong_cause_is_sought_beside_a_structure_without_which_all_is_followed(asked):

@@ -29,23 +29,12 @@ CASES = [
             # what its sign lacks near rest was felt by an accelerometer, and taken for its memory
             ("rigid", "joint_friction:load@joint2", 0.1732, "joint_friction", "load"),
             ("sms", "slosh:second@tank2", 19.18, "slosh", "mass"),
+            # the filter loses the recording without it, or predicts it worse than no motion would
+            ("arm", "sensor_bias:bias@encoder.joint_position[joint2]", -0.6875, "sensor_bias", "bias"),
             ("arm", "sensor_delay:delay@encoder.joint_position", 0.03552, "sensor_delay", "delay"),
         ]
     ),
 ]
-
-# the filter loses the recording without it; with the noise of seed 986015 of the study it is named
-NOT_ALWAYS = "refused with this noise: predicted worse than by no motion, no model that errs is asked then"
-CASES.append(
-    pytest.param(
-        "arm",
-        "sensor_bias:bias@encoder.joint_position[joint2]",
-        -0.6875,
-        "sensor_bias",
-        "bias",
-        marks=[SLOW, pytest.mark.xfail(strict=True, reason=NOT_ALWAYS)],
-    )
-)
 
 
 @pytest.mark.parametrize(("world", "name", "value", "kind", "parameter"), CASES)
