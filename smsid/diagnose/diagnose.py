@@ -198,14 +198,17 @@ def _diagnose(
     before, wild = faults, []
     more = outliers(found.last.problem.data, found.last.run)
     if more:
-        every = problem.data
-        problem, faults = replace(problem, data=drop_samples(every, more)), [*before, *more]
+        every, with_all = problem, found
+        problem, faults = replace(every, data=drop_samples(every.data, more)), [*before, *more]
         found = searched(problem, found.nominal.point, found)
-        wild = recount_outliers(more, every, found.last.problem, found.last.run)
+        wild = recount_outliers(more, every.data, found.last.problem, found.last.run)
         faults = [*before, *wild]
-        if len(wild) < len(more):  # they were a motion that the model did not follow yet
+        if not wild:  # they were a motion that the model did not follow yet
+            LOGGER.info("there are no outliers")
+            problem, found = every, with_all
+        elif len(wild) < len(more):
             LOGGER.info("outliers of %d components are none", len(more) - len(wild))
-            problem = replace(problem, data=drop_samples(every, wild))
+            problem = replace(every, data=drop_samples(every.data, wild))
             found = searched(problem, found.nominal.point, found)
     found = with_profile_intervals(found)
     white = of_white_components(wild, {t.where for t in found.left if t.dependence == PAST})

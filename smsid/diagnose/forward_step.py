@@ -31,8 +31,6 @@ from smsid.diagnose.noise_covariance import (
     InflatedFit,
     fit_to_stated_noise,
     normalised_rmse,
-    refit_noise,
-    with_misfit,
 )
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.open_shape import may_be_open, with_errors_of_shape, with_open_shape
@@ -40,11 +38,12 @@ from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_can
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
+from smsid.diagnose.unknown_structure import refit_noise, with_structure_again
 from smsid.diagnose.wald_test import distance
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.innovations import squared_distance
-from smsid.estimation.map_estimate import MapFit, evaluate, fit
+from smsid.estimation.map_estimate import MapFit, evaluate
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
@@ -193,10 +192,8 @@ class SearchState:
         """
         self._found_elsewhere = frozenset(c.score.candidate.key for c in self.causes) - self._settled
         whole = replace(self.current.problem, data=problem.data, noise=problem.noise)
-        back = InflatedFit(
-            fit(self.current.point, self.current.unknowns, whole, iterations=2), np.ones(whole.data.rows)
-        )
-        self.fitted = with_misfit(replace(back, misfit=True, local=False))
+        own = {n for c in self.causes for n in (*c.score.candidate.free, *c.score.candidate.also)}
+        self.fitted = with_structure_again(self.fitted, whole, self.nominal, own)
         self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
         self.normalised_rmse = normalised_rmse(self.nominal.run, self.fitted.factors)
         self._out.clear()
@@ -289,20 +286,36 @@ class SearchState:
     def _leading_scores(self) -> list[Score]:
         """Return the likeliest score, then it and its contenders with the onset that each may have."""
         least = self._asked.beside * max((c.ratio for c in self.causes), default=0.0)
-        best = next((s for s in self.scores if s.ratio > least and self._counts(s)), None)
-        if best is None or len(self.causes) == self.levels.causes:
+        asked = [s for s in self.scores if self._has_room(s.candidate)]
+        best = next((s for s in asked if s.ratio > least and self._counts(s)), None)
+        if best is None:
             return []
         few = self.levels.contenders
-        leading = [best, *(s for s in self.scores if s is not best)][:few]
+        leading = [best, *(s for s in asked if s is not best)][:few]
         clear = best.ratio > min(
             THRESHOLDS.beginnings_sought, self.levels.linear
         )  # enough for what is there in part to pass as another
-        onsets = scan_onsets(self.current, self.scores if clear else leading)
+        onsets = scan_onsets(self.current, asked if clear else leading)
         if clear:
             known = {s.candidate.key for s in leading}
-            begun = best_onsets(self.current, self.scores, few, onsets)
+            begun = best_onsets(self.current, asked, few, onsets)
             leading += [s for s in begun if s.candidate.key not in known]
         return [best, *(with_onset(self.current, s, self.levels.onset, onsets) for s in leading)]
+
+    def _has_room(self, candidate: Candidate) -> bool:
+        """Whether a further cause may be one at its place: a structure that is described wrongly takes
+        several to follow, and hides no cause elsewhere.
+        """
+        places: list[list[str]] = []
+        for cause in self.causes:
+            where = cause.score.candidate.location
+            same = next((p for p in places if _same_place(p[0], where)), None)
+            if same is None:
+                places.append([where])
+            else:
+                same.append(where)
+        own = next((p for p in places if _same_place(p[0], candidate.location)), places)
+        return len(own) < self.levels.causes
 
     def _memory(self, best: Score) -> tuple[SpecificationTest, ...]:
         """Return the tests for memory at the joints of causes that gain more than the next candidate does."""
@@ -465,6 +478,10 @@ class SearchState:
         scores = score_candidates(self.current, seen, [self._columns[c.key] for c in seen], coarsely=coarsely)
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
         return sorted((*scores, *refused), key=self._worth, reverse=True)
+
+
+def _same_place(place: str, other: str) -> bool:
+    return place == other or bool(place and other and is_at(place, other))
 
 
 def _distances_of_causes(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:

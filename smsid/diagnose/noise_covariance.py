@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -127,7 +127,7 @@ def with_levels(found: InflatedFit, given: Point | None = None) -> InflatedFit:
         own = found.fit
         alone = but_for_one(given or own.point, own.problem, own.unknowns, found.factors, own.run)
         return alone or with_misfit(replace(found, misfit=True))
-    return _with_noise(replace(found, fit=continue_fit(found.fit, iterations=8)))
+    return with_noise(replace(found, fit=continue_fit(found.fit, iterations=8)))
 
 
 def but_for_one(
@@ -197,68 +197,10 @@ def _suspect(given: Point, whole: Problem, first_run: FilterRun | None) -> Chann
     return most if squares[most.rows].sum() > THRESHOLDS.alone * squares.sum() else None
 
 
-def refit_noise(
-    found: InflatedFit,
-    *,
-    strong: bool = False,
-    told: Callable[[MapFit, str], Sequence[float]] = lambda found, place: (),
-) -> InflatedFit:
-    """Return a fit with its noise levels found again, where misfit was counted in them or may have been.
-
-    ``strong``: a cause was found since that the levels may have had a part of. A structure is taken as
-    unknown only where that tells causes at least as well as misfit that is counted does: what acts on the
-    bus, as its wrench does, it hides. ``told`` is how well a fit tells each of them but those at a place: of
-    itself, what is unknown tells nothing.
-    """
-    if not found.misfit:
-        return _with_noise(found) if strong else found
-    exact = _exact(found) if strong else None
-    if exact is not None:
-        return exact
-    counted, rest = with_misfit(found), but_for_a_structure(found) if found.local else None
-    if rest is None or not counted.misfit:
-        return counted
-    as_well = zip(*(told(f.fit, rest.unknown) for f in (rest, counted)), strict=True)
-    return rest if all(a >= b for a, b in as_well) else counted
-
-
-def but_for_a_structure(
-    found: InflatedFit, held: Callable[[str], Collection[str]] = lambda place: ()
-) -> InflatedFit | None:
-    """Return the fit to the noise as stated with the motion of one structure unknown and its own channels
-    left out, where all else is followed; else nothing.
-
-    A panel or a tank is described by a few modes; what else it does reaches all channels, but is a force on
-    these modes and a wrench on what carries it. ``held`` are names of parameters that stay, by structure.
-    """
-    last = found.fit
-    for place, problem in unknown_structures(last, found.stated):
-        unknowns = tuple(u for u in last.unknowns if u.name not in held(place))
-        rest = fit_to_stated_noise(last.point, unknowns, problem)
-        if rest is None:
-            continue
-        LOGGER.info("followed to the noise with %s unknown", place)
-        return replace(found, fit=rest, factors=np.ones_like(found.factors), misfit=False, unknown=place)
-    return None
-
-
-def unknown_structures(found: MapFit, problem: Problem) -> Iterator[tuple[str, Problem]]:
-    """Yield the name of every structure, and a problem as a fit's in which its motion is unknown and its own
-    channels are left out.
-    """
-    model, data = found.changes.model, problem.data
-    places = {a.appendage.name: [model.pin.joints[j].idx_v for j in a.seen] for a in model.appendages}
-    places |= {tank.name: [*range(tank.v.start, tank.v.stop)] for tank in model.slosh}
-    for place, own_dofs in places.items():
-        dofs = [*(range(6) if model.free else ()), *own_dofs]
-        own = {b.channel for b in data.blocks if place in (b.sensor.appendage, b.sensor.name)}
-        yield place, with_unknown(problem, *own, run=found.run, dofs=dofs, held=len(data.times))
-
-
-def _exact(found: InflatedFit) -> InflatedFit | None:
+def exact_fit(found: InflatedFit) -> InflatedFit | None:
     """Return the fit to the noise as it is stated, where the model follows the recording that far."""
     exact = fit_to_stated_noise(found.fit.point, found.fit.unknowns, found.stated)
-    return None if exact is None else _with_noise(InflatedFit(exact, np.ones_like(found.factors)))
+    return None if exact is None else with_noise(InflatedFit(exact, np.ones_like(found.factors)))
 
 
 def fit_to_stated_noise(point: Point, unknowns: Sequence[Unknown], problem: Problem) -> MapFit | None:
@@ -278,7 +220,8 @@ def fit_to_stated_noise(point: Point, unknowns: Sequence[Unknown], problem: Prob
     return found if left < THRESHOLDS.own_channel and normalised_rmse(found.run) <= FOLLOWED else None
 
 
-def _with_noise(found: InflatedFit) -> InflatedFit:
+def with_noise(found: InflatedFit) -> InflatedFit:
+    """Return a fit that follows with the noise level of every channel as large as its errors are."""
     for _ in range(2):
         factor = noise_factors(found.fit.problem.data, _told_by_noise(found.fit.problem, found.fit.run))
         if np.abs(factor - 1.0).max() < 0.03:
@@ -315,7 +258,7 @@ def with_misfit(found: InflatedFit) -> InflatedFit:
         if np.abs(np.log(factor)).max() < 0.1:
             break
     near = normalised_rmse(found.fit.run, found.factors) <= FOLLOWED
-    return (_exact(found) if near else None) or found
+    return (exact_fit(found) if near else None) or found
 
 
 def _fit_scaled_noise(

@@ -10,12 +10,13 @@ import numpy as np
 
 from smsid.diagnose.exchange_step import without_cause
 from smsid.diagnose.model_comparison import Cause
-from smsid.diagnose.noise_covariance import InflatedFit, but_for_a_structure
+from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.plausibility import impossible
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.unknown_structure import but_for_a_structure
 from smsid.diagnose.verdict import causes, own_component_left
 from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero
 from smsid.errors import SmsidError

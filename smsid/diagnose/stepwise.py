@@ -21,7 +21,6 @@ from smsid.diagnose.noise_covariance import (
     first_fit,
     normalised_rmse,
     strays_by_row,
-    unknown_structures,
     with_levels,
 )
 from smsid.diagnose.open_loop import unexplained_fraction
@@ -37,6 +36,7 @@ from smsid.diagnose.specification_tests import (
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
+from smsid.diagnose.unknown_structure import unknown_structures
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.map_estimate import MapFit, continue_fit, fit
 from smsid.estimation.parameter_vector import Point, Unknown

@@ -20,7 +20,14 @@ FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other",
 
 def candidate(key, family="friction"):
     return SimpleNamespace(
-        key=key, location=key[1], family=family, effect=None, simpler=(), holds=lambda other: False
+        key=key,
+        location=key[1],
+        family=family,
+        effect=None,
+        simpler=(),
+        free=(f"{key[1]}.size",),
+        also=(),
+        holds=lambda other: False,
     )
 
 
@@ -225,21 +232,21 @@ def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world,
     state._score_anew()
     assert set(asked.scored[-1][1]) == {VAIN}  # nothing at the structure, or like it on the bus
 
-    def fitted_again(point, unknowns, problem, **_):
-        found = asked.at(problem.noise)
+    def fitted_again(fitted, problem, known, own):
+        found, asked.own = asked.at(problem.noise), own
         found.problem = problem
-        return found
+        return InflatedFit(found, np.ones(1), misfit=True, local=False)
 
     for name, stub in {
-        "fit": fitted_again,
+        "with_structure_again": fitted_again,
         "evaluate": lambda *_: asked.at("nominal again"),
-        "with_misfit": lambda fitted: fitted,
     }.items():
         monkeypatch.setattr(rounds, name, stub)
     state.candidates = state.candidates[:-1]
     whole = Whole(SimpleNamespace(rows=1), "as stated")
     state.current.problem = whole
     assert state.restore(whole)
+    assert asked.own == {"found.size"}
     assert (state.current.name, state.nominal.name) == ("as stated", "nominal again")
     assert state.fitted.misfit and not state.fitted.local and not state.fitted.unknown
     assert set(asked.scored[-1][1]) == {OTHER, VAIN}
@@ -435,3 +442,26 @@ def test_a_cause_is_all_it_can_be_before_a_rival_is_told_from_it(world, monkeypa
     state.close()
     assert steps[-1] == ("exchange", "with its width") and steps[-2][0] == "further"
     assert state.current.name == "with its width"
+
+
+def test_several_causes_at_one_place_hide_none_elsewhere(world):
+    """A panel that is a chain took the three that were looked for, and a payload of 2 kg stayed unnamed."""
+    state, _ = world
+    state.levels = replace(state.levels, causes=2)
+
+    def at(*places):
+        return [
+            Cause(score_of(candidate(("effect", place, str(i)))), (), 9.0) for i, place in enumerate(places)
+        ]
+
+    def room(place):
+        return state._has_room(candidate(("effect", place, "another")))
+
+    state.causes = at("panel", "panel")
+    assert room("tool") and not room("panel") and not room("panel.acceleration[0.x]")
+    state.causes = at("panel", "panel.acceleration[0.x]", "tool")
+    assert room("tool") and not room("panel") and not room("")
+    state.causes = at("", "")
+    assert room("panel") and not room("")
+    state.causes = []
+    assert room("panel")

@@ -14,23 +14,20 @@ from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.noise_covariance import (
     InflatedFit,
     _told_by_noise,
-    but_for_a_structure,
     erring_fit,
     first_fit,
     misfit_factors,
     noise_factors,
     normalised_rmse,
-    refit_noise,
     strays_by_row,
     with_levels,
 )
 from smsid.diagnose.specification_tests import with_unknown
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.unknown_structure import refit_noise
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
-from smsid.experiments import fly, named_experiment
-from smsid.model import build_model
 
 N = 20000
 
@@ -184,55 +181,6 @@ def test_what_a_candidate_explains_is_the_fall_of_squared_errors_in_stated_noise
     left = found.residual[:rows] - columns[:rows] @ estimate
     fall = ((stated * found.residual[:rows]) ** 2).sum() - ((stated * left) ** 2).sum()
     assert InflatedFit(found, factors, misfit=True).explained(columns, estimate) == pytest.approx(fall)
-
-
-@pytest.fixture(scope="module")
-def softer(description, problem):
-    """The recording of a craft whose panel is softer than described."""
-    panel = description.get_effect("panel")
-    described = description.with_effects(
-        panel.model_copy(update={"youngs_modulus": 0.9 * panel.youngs_modulus})
-    )
-    model = build_model(described)
-    plan = named_experiment("exp2", build_model(description)).model_copy(update={"duration": 6.0})
-    flown = fly(model, plan, np.random.default_rng(5)).recording
-    data = measurements_of(model, flown, description.effective_sensors())
-    return replace(problem, recording=flown, data=data)
-
-
-def test_where_a_structure_is_all_that_is_wrong_the_rest_is_as_well_known_as_it_is_followed(known, softer):
-    """Links' masses bend to a panel that is too soft, but not where its motion is unknown."""
-    unknowns = [u for u in known.unknowns if u.column in (20, 30)]  # masses of the last links
-    assert len(unknowns) == 2
-    strayed = evaluate(known.point, unknowns, softer)
-    found = but_for_a_structure(InflatedFit(strayed, np.ones(softer.data.rows), misfit=True))
-    bent = fit(known.point, unknowns, softer, iterations=3)
-    assert found is not None and found.unknown == "panel" and not found.misfit
-    for u in unknowns:
-        assert abs(found.fit.point.value(u) - u.nominal) < 3.0 * found.fit.sigma(u.name)
-        assert abs(bent.point.value(u) - u.nominal) > 30.0 * bent.sigma(u.name)
-
-
-def test_a_structure_is_unknown_only_where_that_tells_causes_as_well(known, softer):
-    """Its wrench hides a thrust on the bus: of that, counted misfit tells more."""
-    strayed = evaluate(known.point, known.unknowns[:3], softer)
-    first = InflatedFit(strayed, np.ones(softer.data.rows), misfit=True)
-    for better in (True, False):
-
-        def told(found, place, better=better):
-            assert place == "panel"
-            return [1.0 if found.problem.noise.more else 1.0 - better + 2.0 * (not better)]
-
-        found = refit_noise(first, told=told)
-        assert (found.unknown == "panel") is better and found.misfit is not better
-
-
-def test_what_is_wrong_elsewhere_is_not_laid_on_a_structure(known, problem, recording):
-    told = np.array(recording["command.joint_torque"])
-    told[:, 1] *= 1.5
-    wrong = replace(problem, recording=recording.with_channels({"command.joint_torque": told}))
-    strayed = evaluate(known.point, known.unknowns[:1], wrong)
-    assert but_for_a_structure(InflatedFit(strayed, np.ones(problem.data.rows), misfit=True)) is None
 
 
 @pytest.mark.parametrize(("size", "misfit"), [(0.5, False), (8.0, True)])
