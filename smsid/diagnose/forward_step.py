@@ -196,6 +196,8 @@ class SearchState:
         self.fitted = with_structure_again(self.fitted, whole, self.nominal, own)
         self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
         self.normalised_rmse = normalised_rmse(self.nominal.run, self.fitted.factors)
+        if not self.fitted.misfit:  # ratios are of this noise then
+            self.causes = recompute_evidence(self.causes, self.current, self.nominal)
         self._out.clear()
         self._score_anew()
         return True

@@ -231,10 +231,10 @@ def with_noise(found: InflatedFit) -> InflatedFit:
 
 
 def _told_by_noise(problem: Problem, run: FilterRun) -> FilterRun:
-    """Return the run with the readings alone whose errors are mostly their sensor's noise, where the shape of
-    a law is left open: with that, others err by less than they are taken to.
+    """Return the run with the readings alone whose errors are mostly their sensor's noise, where an input is
+    unknown or the shape of a law is left open: with that, others err by less than they are taken to.
     """
-    if not problem.noise.shapes:
+    if not (problem.noise.shapes or problem.noise.more):
         return run
     mostly = run.errors**2 <= 2.0 * (problem.data.sigma * run.normalised) ** 2
     return replace(run, used=run.used & mostly)

@@ -59,9 +59,11 @@ def test_what_varies_slowly_and_what_is_far_off_is_no_noise():
     assert noise_factors(*channels(drifting, with_error)) == pytest.approx([1.0, 1.0], rel=0.1)
 
 
-def test_where_a_law_is_open_only_errors_of_the_sensors_tell_their_noise(known, problem):
+@pytest.mark.parametrize("erring", [{"shapes": ((7, 1.0),)}, {"more": ((0, 1.0), (7, 1.0))}])
+def test_where_inputs_err_only_errors_of_the_sensors_tell_their_noise(known, problem, erring):
     """The encoders of other joints erred by less than the open friction let them: noise of 0.7 was told, and
-    the joint that it does not touch did not fit.
+    the joint that it does not touch did not fit. Nor do readings beside a structure that is unknown: noise of
+    next to nothing was told, and all candidates looked like millions.
     """
     run = evaluate(known.point, known.unknowns[:1], problem).run
     rng, sigma = np.random.default_rng(4), problem.data.sigma
@@ -70,7 +72,7 @@ def test_where_a_law_is_open_only_errors_of_the_sensors_tell_their_noise(known, 
     block = next(b for b in problem.data.blocks if b.channel == "encoder.joint_velocity")
     spread[:, block.rows.start + 1 : block.rows.stop] *= 5.0  # by the open law, which hardly errs
     run = replace(run, errors=errors, normalised=errors / spread, used=np.ones(errors.shape, dtype=bool))
-    opened = replace(problem, noise=replace(problem.noise, shapes=((7, 1.0),)))
+    opened = replace(problem, noise=replace(problem.noise, **erring))
     factors = [noise_factors(problem.data, _told_by_noise(p, run))[block.rows] for p in (problem, opened)]
     assert factors[0] == pytest.approx(0.72, rel=0.1) and factors[1] == pytest.approx(1.2, rel=0.1)
 
