@@ -67,11 +67,25 @@ def tx40(r: dict[str, Any]) -> str:
         + table(["friction at the joint", "identified", "published with the data", "ratio"], friction)
         + f"\nViscous values are within {100 * max(abs(x - 1) for x in viscous):.1f} % of the published ones "
         "(wanted: 10 %). Of joints 5 and 6 they\ninclude the coupled motor's share.\n\n"
-        + tx40_diagnosis(r["diagnosis"])
+        + tx40_diagnosis(r["diagnosis"], r["diagnosis_by_cutoff"])
     )
 
 
-def tx40_diagnosis(d: dict[str, Any]) -> str:
+def _at_cutoffs(found: dict[str, Any]) -> str:
+    """How the diagnosis depends on where its motion is low-passed."""
+    rows = [
+        [f"{cutoff} Hz", str(x["causes"]), "yes" if x["coupling"] else "no"]
+        + [f"{x['held_out_relative_torque_rmse']:.3f}"]
+        for cutoff, x in found.items()
+    ]
+    return (
+        "With `--cutoff` of the motion as follows (torques are compared up to 0.4 times that, 25 Hz at most):\n\n"
+        + table(["cut-off", "causes", "wrist's coupling named", "held-out error, extended"], rows)
+        + "\n"
+    )
+
+
+def tx40_diagnosis(d: dict[str, Any], by_cutoff: dict[str, Any]) -> str:
     """What the diagnosis names from the bare URDF."""
     causes = [
         [
@@ -102,6 +116,7 @@ def tx40_diagnosis(d: dict[str, Any]) -> str:
         + f"\nViscous values and the coupling's are within {100 * worst:.1f} % (wanted: 10 %). Held-out "
         f"torque error: {held['given']:.3f} as\ndescribed, {held['extended']:.3f} extended, in the band in "
         f"which the diagnosis compares torques. It takes {d['seconds_of_cpu']:g} s.\n"
+        + _at_cutoffs(by_cutoff)
         + (
             f"The verdict is *{d['verdict']}*: no candidate explains what else depends on something:\n\n"
             + table(["what is left of", "depends on", "p, corrected"], left)

@@ -46,6 +46,9 @@ wide as the motion is none of breaking loose."""
 DRAGS = ("quadratic", "cubic")
 """Friction that would push where it is negative: no cause, whatever it fits."""
 
+SIMPLE = ("viscous", "coulomb", "motor inertia", "constant torque")
+"""Shapes a joint is tried with first; all others must explain more than these would."""
+
 Moves = Literal["", "zero", "clock"]
 Columns = Callable[[TorqueEquations, np.ndarray], np.ndarray]
 """From the equations and the torque (N, joints) that the model predicts on the motion's instants to torques

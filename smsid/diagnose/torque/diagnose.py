@@ -68,9 +68,10 @@ def diagnose_torques(
     equations = torque_equations(description, recordings, cutoff=cutoff)
     require_excitation(equations, together)
     _require_columns(description, recordings)
-    if len(equations.time) < THRESHOLDS.shortest:
+    count, least = len(equations.time), THRESHOLDS.torque_shortest
+    if count < least:
         raise RecordingError(
-            f"'{together}' gives {len(equations.time)} instants; a diagnosis needs {THRESHOLDS.shortest}.",
+            f"'{together}' gives {count} instants; a diagnosis needs {least}.",
             advice="Record longer, or raise the cutoff.",
         )
     prior, stated, notes = prior_of(equations, estimate)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.arm.regression import solve_joints
-from smsid.diagnose.torque.candidates import TorqueCandidate
+from smsid.diagnose.torque.candidates import SIMPLE, TorqueCandidate
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.diagnose.torque.whitening import Whitening, cluster_projections
 from smsid.effects.base import Effect
@@ -119,28 +119,62 @@ def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate
     """Return the whitening of what no candidate explains, every joint's equation fitted by itself.
 
     What a model lacks is no noise and must not hide in it: its spectrum is learnt beside all candidates at
-    once, or in a recording too short for that beside those of one parameter and a joint's own.
+    once, or in a recording too short for that beside those of one parameter and a joint's own, or beside a
+    joint's own friction, rotor and constant torque; at last with the links' combinations common to all.
     """
-    joints = equations.torque.shape[1]
     few = [c for c in candidates if len(c.joints) == 1 and len(c.names) == 1]
+    simple = [c for c in few if c.shape in SIMPLE]
     # columns that depend on the torque take the predicted one: the measured one would explain its own noise
     load = _roughly(equations)
-    for chosen in (candidates, few, ()):
+    residual, taken = equations.torque, np.zeros(equations.torque.shape[1])
+    for chosen, fitted in (
+        (candidates, _fit_each_joint),
+        (few, _fit_each_joint),
+        (few, _fit_all_joints),
+        (simple, _fit_all_joints),
+        ((), _fit_all_joints),
+    ):
         columns = [c.columns(equations, load) for c in chosen]
         design = np.concatenate([equations.rows, *(equations.filtered(c) for c in columns)], axis=2)
-        residual, ranks = np.empty_like(equations.torque), []
-        size = np.linalg.norm(design, axis=0)
-        acts = size > ROUNDED * size.max(axis=0)  # at other joints a column may be what rounding leaves
-        for j in range(joints):
-            own = design[:, j][:, acts[j]]
-            u, singular, _ = np.linalg.svd(own / np.linalg.norm(own, axis=0), full_matrices=False)
-            u = u[:, singular > RANK_OF_NOISE * singular.max(initial=0.0)]
-            residual[:, j] = equations.torque[:, j] - u @ (u.T @ equations.torque[:, j])
-            ranks.append(u.shape[1])
-        if max(ranks) < len(residual) // 3:
+        residual, taken = fitted(design, equations.torque)
+        if taken.max() < len(residual) / 3:
             break
     scale = FLOOR * np.sqrt(np.mean(equations.torque**2, axis=0))
-    return Whitening.of(residual, ranks, scale, equations.near_rest)
+    return Whitening.of(residual, taken, scale, equations.near_rest)
+
+
+def _fit_each_joint(design: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what columns (n, joints, k) leave of torques (n, joints), each joint with parameters of its own,
+    and how many of these it takes (joints,).
+    """
+    residual, ranks = np.empty_like(torque), np.zeros(torque.shape[1])
+    size = np.linalg.norm(design, axis=0)
+    acts = size > ROUNDED * size.max(axis=0)  # at other joints a column may be what rounding leaves
+    for j in range(torque.shape[1]):
+        u = _spanned(design[:, j][:, acts[j]])
+        residual[:, j] = torque[:, j] - u @ (u.T @ torque[:, j])
+        ranks[j] = u.shape[1]
+    return residual, ranks
+
+
+def _fit_all_joints(design: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same with parameters common to all joints, which weigh by what each leaves."""
+    n, joints = torque.shape
+    sigma, residual, taken = np.sqrt(np.mean(torque**2, axis=0)) + FLOOR, torque, np.zeros(joints)
+    for _ in range(ROUNDS):
+        u = _spanned((design / sigma[:, None]).reshape(n * joints, -1))
+        left = (torque / sigma).ravel()
+        residual = (left - u @ (u.T @ left)).reshape(n, joints) * sigma
+        taken = (u**2).sum(axis=1).reshape(n, joints).sum(axis=0)
+        sigma = np.sqrt((residual**2).sum(axis=0) / np.maximum(n - taken, n / 4)) + FLOOR * sigma
+    return residual, taken
+
+
+def _spanned(columns: np.ndarray) -> np.ndarray:
+    """Return orthonormal directions that columns span but for rounding."""
+    size = np.linalg.norm(columns, axis=0)
+    u, singular, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    return u[:, singular > RANK_OF_NOISE * singular.max(initial=0.0)]
 
 
 def _roughly(equations: TorqueEquations) -> np.ndarray:

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.torque.candidates import TorqueCandidate
+from smsid.diagnose.torque.candidates import SIMPLE, TorqueCandidate
 from smsid.diagnose.torque.fit import TorqueFit
 from smsid.diagnose.torque.whitening import robust_p_value
 
 ROUNDING = 1e-11
 FOLDS = 4
-SIMPLE = ("viscous", "coulomb", "motor inertia", "constant torque")
-"""Shapes a joint is tried with first; all others must explain more than these would."""
 
 
 @dataclass(frozen=True)

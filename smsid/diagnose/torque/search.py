@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import f
 
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
-from smsid.diagnose.torque.candidates import TorqueCandidate, instance
+from smsid.diagnose.torque.candidates import SIMPLE, TorqueCandidate, instance
 from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
 from smsid.diagnose.torque.fit import (
     TorqueFit,
@@ -23,7 +23,6 @@ from smsid.diagnose.torque.fit import (
     with_equations,
 )
 from smsid.diagnose.torque.scores import (
-    SIMPLE,
     TorqueScore,
     acts_on_all,
     correlation,

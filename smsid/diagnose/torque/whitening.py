@@ -52,7 +52,11 @@ class Whitening:
 
     @classmethod
     def of(
-        cls, residual: np.ndarray, parameters: Sequence[int], floor: np.ndarray, near: np.ndarray
+        cls,
+        residual: np.ndarray,
+        parameters: Sequence[float] | np.ndarray,
+        floor: np.ndarray,
+        near: np.ndarray,
     ) -> Whitening:
         """Return the whitening of residuals (n, joints) that ``parameters`` were fitted to, joint by joint.
 
@@ -67,7 +71,7 @@ class Whitening:
             coefficients[j, : len(own)] = own
         there = near[most:]
         squares = cls(coefficients, np.ones(joints)).apply(residual, near) ** 2
-        squares *= n / np.maximum(n - np.asarray(parameters), n / 4)
+        squares *= n / np.maximum(n - parameters, n / 4)
         squares += floor**2 + LEAST**2
         larger = variance_ratio(squares, there)
         variance = np.mean(squares / np.where(there, larger, 1.0), axis=0)
