@@ -71,15 +71,18 @@ def tx40(r: dict[str, Any]) -> str:
     )
 
 
+RELATIVE = "held_out_relative_torque_rmse"
+
+
 def _at_cutoffs(found: dict[str, Any]) -> str:
     """How the diagnosis depends on where its motion is low-passed."""
     rows = [
-        [f"{cutoff} Hz", str(x["causes"]), "yes" if x["coupling"] else "no"]
-        + [f"{x['held_out_relative_torque_rmse']:.3f}"]
+        [f"{cutoff} Hz", str(x["causes"]), "yes" if x["coupling"] else "no", f"{x[RELATIVE]:.3f}"]
         for cutoff, x in found.items()
     ]
     return (
-        "With `--cutoff` of the motion as follows (torques are compared up to 0.4 times that, 25 Hz at most):\n\n"
+        "With `--cutoff` of the motion (torques are compared up to 0.4 times that, 25 Hz at most):"
+        "\n\n"
         + table(["cut-off", "causes", "wrist's coupling named", "held-out error, extended"], rows)
         + "\n"
     )
