@@ -48,6 +48,7 @@ from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
+STRUCTURES = ("slosh", "appendage")  # families of what a panel or a tank does
 REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
 APART = 100.0  # times what the motion changed, that has to be left of it: a tenth of its size is off then
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
@@ -305,19 +306,14 @@ class SearchState:
         return [best, *(with_onset(self.current, s, self.levels.onset, onsets) for s in leading)]
 
     def _has_room(self, candidate: Candidate) -> bool:
-        """Whether a further cause may be one at its place: a structure that is described wrongly takes
-        several to follow, and hides no cause elsewhere.
+        """Whether a further cause may be this one: those of one panel or tank count once, as one that is
+        described wrongly takes several to follow, and hides none elsewhere.
         """
-        places: list[list[str]] = []
-        for cause in self.causes:
-            where = cause.score.candidate.location
-            same = next((p for p in places if _same_place(p[0], where)), None)
-            if same is None:
-                places.append([where])
-            else:
-                same.append(where)
-        own = next((p for p in places if _same_place(p[0], candidate.location)), places)
-        return len(own) < self.levels.causes
+        causes, most = [c.score.candidate for c in self.causes], self.levels.causes
+        places = [c.location for c in causes if c.family in STRUCTURES]
+        if candidate.family in STRUCTURES and candidate.location in places:
+            return places.count(candidate.location) < most
+        return len(causes) - len(places) + len(set(places)) < most
 
     def _memory(self, best: Score) -> tuple[SpecificationTest, ...]:
         """Return the tests for memory at the joints of causes that gain more than the next candidate does."""
@@ -480,10 +476,6 @@ class SearchState:
         scores = score_candidates(self.current, seen, [self._columns[c.key] for c in seen], coarsely=coarsely)
         scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
         return sorted((*scores, *refused), key=self._worth, reverse=True)
-
-
-def _same_place(place: str, other: str) -> bool:
-    return place == other or bool(place and other and is_at(place, other))
 
 
 def _distances_of_causes(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:

@@ -118,7 +118,9 @@ class DetectionThresholds:
     more_likely: float = _row(0.3, "log-posterior", "above which a point of a profile is a better maximum")
     restarts: int = _row(3, "1", "times at most that one is met, before no end of an interval is claimed")
     stamps: float = _row(0.05, "intervals", "below which no delay is claimed: stamps are not that exact")
-    causes: int = _row(3, "1", "most places of causes that are looked for, and most causes at one place")
+    causes: int = _row(
+        3, "1", "most causes that are looked for; those of one panel or tank count once, but are no more"
+    )
     contenders: int = _row(3, "1", "most candidates that are refitted in a round")
 
     @property
