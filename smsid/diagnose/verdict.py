@@ -200,7 +200,7 @@ def _pattern_left(found: Search, standing: Sequence[FoundCause]) -> tuple[Specif
     """
     sought = {c.score.candidate.key[:2] for c in found.causes}
     stand = {(c.effect, c.location) for c in standing} & sought
-    if found.left and sought and stand == sought:  # beside hints, it is what these leave, too
+    if found.left and stand:  # beside hints, it is what these leave, too: at the right place
         return found.left
     return found.left_before or found.left
 
@@ -240,7 +240,8 @@ def verdict(
         worst = _pattern_left(found, standing)[0]
         what = f"{worst.where} depends on {worst.dependence}"
         sentence = f"The simulation does not explain the recording: {what}, and no cause fits it."
-        beside = f"; beside it {left[0].where} still depends on {left[0].dependence}"
+        still = f"{left[0].where} still depends on {left[0].dependence}"
+        beside = f"; beside it {still}" if worst is not left[0] else ""
         return "unexplained", sentence + _parts(hints, standing, beside)
     if is_piecewise_drift(named):
         return "unexplained", IN_PIECES.format(words)

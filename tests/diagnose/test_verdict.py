@@ -155,6 +155,10 @@ def test_beside_a_cause_that_stands_what_is_left_is_said_and_not_what_it_took_aw
     _, sentence = verdict(found, (own,), (own,), ())
     assert "imu.acceleration[z] depends on its own past" in sentence and "depends on load" not in sentence
     assert [t.where for t in remaining_tests(found, "unexplained", (own,))] == ["imu.acceleration[z]"]
+    # nor beside hints: a ripple of joint1 was said to be left of joint3, whose motor's gain stood
+    hint = FoundCause("kind", "place1", "other", "size", (), (), {})
+    _, sentence = verdict(found, (own, hint), (own,), (hint,))
+    assert "imu.acceleration[z] depends on its own past" in sentence and "still depends" not in sentence
     for standing in ((), (fault,)):
         _, sentence = verdict(found, (own,), standing, (own,))
         assert "torque of joint2 depends on load" in sentence

@@ -132,6 +132,7 @@ def test_what_is_proven_is_named_beside_what_no_cause_explains(tmp_path):
     assert (cause.effect, cause.location) == ("torque_gain", "joint3")
     (value,) = cause.parameters
     assert abs(value.value - run.hidden[1].value) < 3.0 * value.sigma
+    assert "torque of joint1 depends on ripple over the angle" in d.sentence
     assert "What stands all the same: torque constant" in d.sentence
     (written,) = (e for e in made.extended.effect if e.kind == "torque_gain")
     assert written.error == value.value
