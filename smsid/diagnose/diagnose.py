@@ -57,6 +57,7 @@ from smsid.estimation.joint_problem import (
     with_likely_timing,
     with_timing_of,
 )
+from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.moving_start import starts_of, with_start_of
 from smsid.estimation.parameter_vector import JointPrior, Point
@@ -203,13 +204,13 @@ def _diagnose(
         found = searched(problem, found.nominal.point, found)
         wild = recount_outliers(more, every.data, found.last.problem, found.last.run)
         faults = [*before, *wild]
-        if not wild:  # they were a motion that the model did not follow yet
-            LOGGER.info("there are no outliers")
+        if not wild and not _is_likelier(found, with_all):
             problem, found = every, with_all
-        elif len(wild) < len(more):
+        elif len(wild) < len(more):  # they were a motion that the model did not follow yet
             LOGGER.info("outliers of %d components are none", len(more) - len(wild))
             problem = replace(every, data=drop_samples(every.data, wild))
             found = searched(problem, found.nominal.point, found)
+    problem = with_timing_of(problem, found.last.problem)  # a search may have found it out
     found = with_profile_intervals(found)
     white = of_white_components(wild, {t.where for t in found.left if t.dependence == PAST})
     seen, every = tuple(_fault(f, problem) for f in _per_channel([*before, *white])), causes(found)
@@ -322,6 +323,15 @@ def _from_likely_start(
         elif again.last.objective < found.last.objective:
             read, problem, found = other, there, again
     return read, problem, found
+
+
+def _is_likelier(other: Search, found: Search) -> bool:
+    """Whether a search that was made without some readings ended where all of them are likelier."""
+    try:
+        there = evaluate(other.last.point, other.last.unknowns, found.last.problem)
+    except (SmsidError, np.linalg.LinAlgError):
+        return False
+    return there.objective < found.last.objective
 
 
 def _doubts(recordings: Sequence[Recording]) -> list[str]:

@@ -143,8 +143,9 @@ class SearchState:
         in_vain = {best.candidate.key}
         worth = {"worth": self._worth, "follows": self._follows} if self.fitted.misfit else {}
         cause, found = accept(
-            self.current, best, rivals, self._asked, len(self.candidates), in_vain=in_vain, **worth
-        )
+            self.current, best, rivals, self._asked, len(self.candidates),
+            in_vain=in_vain, has_room=self._has_room, **worth,
+        )  # fmt: skip
         if cause is not None:
             self._add(cause, found)
         elif (

@@ -56,25 +56,27 @@ def accept(
     worth: Callable[[Score], float] = lambda s: s.ratio,
     follows: Callable[[MapFit], bool] = lambda found: False,
     in_vain: set[tuple[str, str, str]] | None = None,
+    has_room: Callable[[Candidate], bool] = lambda candidate: True,
 ) -> tuple[Cause | None, MapFit]:
     """Refit the best candidate, and its contenders where the linear score may be off; return the winner.
 
     ``tried`` is the number of candidates, which chances are corrected for; contenders are ``worth`` nearly as
-    much as the best. What the winner explains is no chance where the model ``follows`` with
-    it, as it did not without. Without a winner the fit is
-    ``current``, or a better one without the candidates that their refits led to; the keys of those that are
-    by chance are put ``in_vain``: beside this fit they would be again.
+    much as the best, and causes that the search ``has_room`` for. What the winner explains is no chance where
+    the model ``follows`` with it, as it did not without. Without a winner the fit is ``current``, or a better
+    one without the candidates that their refits led to; the keys of those that are by chance are put
+    ``in_vain``: beside this fit they would be again.
     """
     samples, in_vain = current.run.samples, set() if in_vain is None else in_vain
     rivals = [s for s in scores if s.candidate.key != best.candidate.key]
     near = [s for s in rivals if not is_distinguishable(best, s, samples, levels)]
     contenders = [best] if best.another is None else [best, best.another]
     if best.ratio > levels.linear:
-        close = [s for s in rivals if worth(s) > THRESHOLDS.close * worth(best)]
+        asked = [s for s in rivals if has_room(s.candidate)]
+        close = [s for s in asked if worth(s) > THRESHOLDS.close * worth(best)]
         contenders += close[: levels.contenders - 1]
         # large and curved, what is there all the time scores less than it explains
         if best.candidate.start is not None:
-            still = next((s for s in rivals if s.candidate.start is None), None)
+            still = next((s for s in asked if s.candidate.start is None), None)
             if still is not None and not any(s is still for s in contenders):
                 contenders.append(still)
     fitted: list[tuple[float, Score, float]] = []  # criterion and objective; of fits the best alone is kept

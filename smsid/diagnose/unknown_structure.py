@@ -100,7 +100,7 @@ def with_structure_again(
     kept = [u for u in last.unknowns if u.name in before]
     back = np.array([known.point.value(u) - last.point.value(u) for u in kept])
     reached, lost = [], None
-    for start in (last.point, last.point.moved(kept, back)):
+    for start in (last.point, *([last.point.moved(kept, back)] if kept else ())):
         try:
             reached.append(fit(start, last.unknowns, whole, iterations=2))
         except (SmsidError, np.linalg.LinAlgError) as error:

@@ -1,12 +1,15 @@
 """The whole way on short recordings: what is refused, what is written."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
 
 from smsid.cli import main
 from smsid.diagnose import diagnose, load_diagnosis, save_diagnosis
+from smsid.diagnose.sensor_faults import Fault
+from smsid.diagnose.stepwise import search
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate, classify
 from smsid.recording import Recording, save_recording
@@ -70,3 +73,29 @@ def test_json_holds_no_bare_infinity(tmp_path, description, recording):
     found = diagnose(description, [part(recording, slice(0, 50))]).diagnosis
     save_diagnosis(found, tmp_path / "d.json")
     json.loads((tmp_path / "d.json").read_text(), parse_constant=lambda x: pytest.fail(x))
+
+
+@pytest.mark.parametrize(("likelier", "searches"), [(False, 2), (True, 3)])
+def test_outliers_that_are_none_cost_a_search_only_where_that_led_further(
+    monkeypatch, description, recording, likelier, searches
+):
+    """They were a motion that was not followed yet: without them the search saw what had been seen."""
+    module = sys.modules["smsid.diagnose.diagnose"]
+    seen = []
+
+    def counted(point, problem, *args):
+        seen.append(int(np.isfinite(problem.data.values).sum()))
+        return search(point, problem, *args)
+
+    def one(data, run):
+        marked = np.zeros(data.values.shape, dtype=bool)
+        marked[20, 0] = True
+        return [Fault("outliers", data.blocks[0].channel, data.names[0], 0.1, 0.1, marked)]
+
+    monkeypatch.setattr(module, "search", counted)
+    monkeypatch.setattr(module, "outliers", one)
+    monkeypatch.setattr(module, "recount_outliers", lambda *_: [])
+    monkeypatch.setattr(module, "_is_likelier", lambda other, found: likelier)
+    found = diagnose(description, [recording]).diagnosis
+    assert found.verdict == "adequate" and not found.causes
+    assert len(seen) == searches and seen[1] == seen[0] - 1 and seen[-1] == seen[0] - (not likelier)

@@ -94,9 +94,10 @@ def world(monkeypatch):
             for c in candidates
         ]
 
-    def accept(current, best, rivals, levels, tried, **worth):
+    def accept(current, best, rivals, levels, tried, has_room, **worth):
         key = best.candidate.key
         asked.accepted.append(key)
+        asked.has_room = has_room
         if key == VAIN:
             return None, asked.instead or current
         return Cause(best, (), 30.0), at(f"with {key[1]}")
@@ -454,7 +455,7 @@ def test_several_causes_of_one_structure_hide_none_elsewhere(world):
     """A panel that is a chain took the three that were looked for, and a payload of 2 kg stayed unnamed; but
     a ripple at a joint that no law has is no reason to look for five.
     """
-    state, _ = world
+    state, asked = world
 
     def at(*places):
         families = {"panel": "appendage", "tank": "slosh"}
@@ -473,3 +474,5 @@ def test_several_causes_of_one_structure_hide_none_elsewhere(world):
     )
     state.causes = at("joint", "joint", "joint")
     assert not state._has_room(at("joint")) and not state._has_room(at("panel"))
+    state.causes = []
+    assert state.forward_step() and asked.has_room == state._has_room  # nor may a rival be one too many

@@ -18,7 +18,14 @@ from smsid.description import load_description, save_description
 from smsid.diagnose import Diagnosis, diagnose
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.equations import torque_equations
-from smsid.diagnose.torque.fit import TorquePrior, TorqueTerm, effects_of, fit_torques, learn_noise
+from smsid.diagnose.torque.fit import (
+    TorquePrior,
+    TorqueTerm,
+    _fit_all_joints,
+    effects_of,
+    fit_torques,
+    learn_noise,
+)
 from smsid.diagnose.torque.whitening import Whitening, robust_p_value
 from smsid.effects import JointFriction
 from smsid.export import export_folder
@@ -233,8 +240,8 @@ def test_noise_is_learnt_beside_what_the_model_lacks():
     assert len(fitted.names) == clean.rows.shape[2]
 
 
-@pytest.mark.parametrize("cutoff", [5.0, 6.0])
-def test_friction_is_no_noise_in_a_short_recording_either(cutoff):
+@pytest.mark.parametrize(("seconds", "cutoff"), [(20.0, 6.0), (6.0, 18.0)])
+def test_friction_is_no_noise_in_a_short_recording_either(seconds, cutoff):
     """Where each joint by itself has too few instants for all that it may lack, the links are common to all:
     an industrial arm's friction was noise in 6 s below 10 Hz, and one cause was named of thirteen.
     """
@@ -242,15 +249,37 @@ def test_friction_is_no_noise_in_a_short_recording_either(cutoff):
     def hidden(q, v, a, load):
         return np.array([50.0, 40.0, 30.0]) * v
 
-    clean, lacking = (
-        torque_equations(described(), recorded(h, seed=3), cutoff=cutoff) for h in (None, hidden)
-    )
-    assert 50 < len(clean.time) < 100
-    candidates = torque_candidates(clean, recorded(seed=3), known=False)
+    logs = [recorded(h, seed=3, seconds=seconds) for h in (None, hidden)]
+    clean, lacking = (torque_equations(described(), log, cutoff=cutoff) for log in logs)
+    assert 60 < len(clean.time) < 75
+    candidates = torque_candidates(clean, logs[0], known=False)
     levels = [learn_noise(e, candidates).sigma for e in (clean, lacking)]
     assert levels[1] == pytest.approx(levels[0], rel=0.25)
-    whole = diagnose(described(), [recorded(hidden, seed=3)], cutoff=cutoff).diagnosis
-    assert {(c.effect, c.location) for c in whole.causes} == {("joint_friction", j) for j in JOINTS}
+    found = diagnose(described(), [logs[1]], cutoff=cutoff).diagnosis
+    assert {(c.effect, c.location) for c in found.causes} == {("joint_friction", j) for j in JOINTS}
+
+
+@pytest.mark.parametrize("cutoff", [20.0, 25.0])
+def test_noise_of_a_short_recording_is_no_cause(cutoff):
+    """Parameters that take a third of the instants took slow noise away: of 120 recordings of 6 s seven had
+    a cause that was none, and 35 something that no cause explained.
+    """
+    verdicts = [
+        diagnose(described(), [recorded(seed=seed, seconds=6.0)], cutoff=cutoff).diagnosis.verdict
+        for seed in range(12)
+    ]
+    assert verdicts.count("adequate") >= 11
+
+
+def test_parameters_common_to_all_joints_take_as_many_instants_as_they_are():
+    rng = np.random.default_rng(4)
+    design, x = rng.standard_normal((50, 3, 8)), rng.standard_normal(8)
+    noise = rng.standard_normal((50, 3)) * [0.1, 1.0, 5.0]
+    left, taken = _fit_all_joints(design, design @ x + noise)
+    assert taken.sum() == pytest.approx(8.0) and taken[0] > 2.0 * taken[1] > 4.0 * taken[2]
+    direct = np.linalg.lstsq((design / [[[0.1], [1.0], [5.0]]]).reshape(150, 8),
+                             ((design @ x + noise) / [0.1, 1.0, 5.0]).ravel(), rcond=None)[0]  # fmt: skip
+    assert left == pytest.approx(design @ x + noise - design @ direct, abs=0.02)
 
 
 def test_rounding_is_no_column_that_noise_is_learnt_beside():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,12 +13,17 @@ from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.diagnose.torque.whitening import Whitening, cluster_projections
 from smsid.effects.base import Effect
 
+MOST_TAKEN = 1 / 3  # of a joint's instants, that parameters may take of what its noise is learnt from
+FEW_TAKEN = 1 / 6  # the same of parameters common to all joints: as many take slow noise away
 ROUNDS = 3
 RANK = 1e-9
 RANK_OF_NOISE = 1e-6
 ROUNDED = 1e-9  # share of its largest at any joint below which a column does nothing at one
 FLOOR = 1e-9
 """Noise is taken to be no less than this share of a joint's torque: of a simulation without any."""
+
+Fitted = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""From columns (n, joints, k) and torques (n, joints) to what is left, and how many parameters that took."""
 
 
 @dataclass(frozen=True)
@@ -116,29 +121,31 @@ class TorqueFit:
 
 
 def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate]) -> Whitening:
-    """Return the whitening of what no candidate explains, every joint's equation fitted by itself.
+    """Return the whitening of what no candidate explains, each joint fitted by itself where that can be.
 
     What a model lacks is no noise and must not hide in it: its spectrum is learnt beside all candidates at
-    once, or in a recording too short for that beside those of one parameter and a joint's own, or beside a
-    joint's own friction, rotor and constant torque; at last with the links' combinations common to all.
+    once. In a recording too short for that, parameters are common to all joints, beside all candidates,
+    those of one parameter and a joint's own, or a joint's own friction, rotor and offset.
     """
     few = [c for c in candidates if len(c.joints) == 1 and len(c.names) == 1]
     simple = [c for c in few if c.shape in SIMPLE]
     # columns that depend on the torque take the predicted one: the measured one would explain its own noise
     load = _roughly(equations)
-    residual, taken = equations.torque, np.zeros(equations.torque.shape[1])
-    for chosen, fitted in (
-        (candidates, _fit_each_joint),
-        (few, _fit_each_joint),
-        (few, _fit_all_joints),
-        (simple, _fit_all_joints),
-        ((), _fit_all_joints),
-    ):
+    count = len(equations.torque)
+
+    def beside(chosen: Sequence[TorqueCandidate], fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
         columns = [c.columns(equations, load) for c in chosen]
         design = np.concatenate([equations.rows, *(equations.filtered(c) for c in columns)], axis=2)
-        residual, taken = fitted(design, equations.torque)
-        if taken.max() < len(residual) / 3:
-            break
+        return fitted(design, equations.torque)
+
+    residual, taken = beside(candidates, _fit_each_joint)
+    if taken.max() > MOST_TAKEN * count:
+        for chosen in (candidates, few, simple):
+            residual, taken = beside(chosen, _fit_all_joints)
+            if taken.max() < FEW_TAKEN * count:
+                break
+    if taken.max() > MOST_TAKEN * count:
+        residual, taken = beside((), _fit_all_joints)
     scale = FLOOR * np.sqrt(np.mean(equations.torque**2, axis=0))
     return Whitening.of(residual, taken, scale, equations.near_rest)
 
