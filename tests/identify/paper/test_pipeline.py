@@ -163,7 +163,7 @@ def spread() -> dict[str, dict[str, float]]:
 def test_predicted_sigmas_are_no_less_than_the_spread(spread):
     """A spread is known to 11 % from 40 seeds, three of those are allowed; Exp. 1, Steps A and B.
 
-    Sigmas of Exp. 1, which need no replicates, are the spread: 0.97 of the 40 here, known to 5 %.
+    Sigmas of Exp. 1, which need no replicates, are the spread: 0.96 of the 40 here, known to 5 %.
     """
     ratio = [r for own in spread.values() for r in own.values()]
     assert len(ratio) > 45
@@ -175,12 +175,12 @@ def test_predicted_sigmas_are_no_less_than_the_spread(spread):
 @oracle
 @pytest.mark.slow
 @pytest.mark.parametrize("group", ["exp2.step_a", "exp2.step_b"])
-@pytest.mark.xfail(strict=True, reason="sigmas of Steps A and B are a quarter too large: 0.80 and 0.76")
+@pytest.mark.xfail(strict=True, reason="sigmas of Steps A and B are a quarter too large: 0.79 and 0.75")
 def test_predicted_sigmas_of_few_replicates_are_the_spread(spread, group):
     """Not reached, on the safe side. Of Step B with Exp. 1 known exactly it is 0.81 (40 seeds).
 
     Their covariances take a factor, a floor and a squared bias from four replicates on every fourth sample,
-    the same draws for all seeds, and Student's t asks for 1.4 times what four show, for intervals to hold.
+    the same draws for all seeds, and Student's t asks for 1.6 times what four show, for intervals to hold.
     Before they had to for poor flights (one factor for all parameters), Step A's were the spread.
     """
     assert np.mean(list(spread[group].values())) == pytest.approx(1.0, abs=0.1)
