@@ -238,7 +238,10 @@ class SearchState:
         for cause in self.causes:
             own = cause.score.candidate
             if may_be_open(own, self.current.problem) and any(t.location == own.location for t in left):
-                self._keep(with_errors_of_shape(self.current, own))
+                found, laws = with_errors_of_shape(self.current, own, self.candidates)
+                if laws:
+                    self.causes = [*(c for c in self.causes if c is not cause), *laws]
+                self._keep(found)
                 self._score_anew()  # what else acts there is not asked then
                 return True
         return False

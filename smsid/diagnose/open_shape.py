@@ -52,16 +52,34 @@ def may_be_open(candidate: Candidate, problem: Problem) -> bool:
     return own and candidate.start is None and not candidate.recording and not problem.noise.shapes
 
 
-def with_errors_of_shape(found: MapFit, candidate: Candidate) -> MapFit:
-    """Return the fit with the torque of a law that is named erring as is likeliest; its place stays what it
-    is, with all that is fitted.
+def with_errors_of_shape(
+    found: MapFit, candidate: Candidate, candidates: Sequence[Candidate]
+) -> tuple[MapFit, tuple[Cause, ...]]:
+    """Return the fit with the torque of a law that is named erring as is likeliest, and none; or with a
+    simpler law of its place that is about as likely if it errs (by Bayes's criterion), and the cause it is.
 
     A law that follows to a thousandth of what it does is nature's in size, not in shape: of a strong one the
-    rest is far beyond the noise, and intervals that trust the shape do not hold.
+    rest is far beyond the noise, and intervals that trust the shape do not hold. Nor may a law that was
+    better while none could err be any better then.
     """
-    return _fit_torque_noise(
-        found.point, found.unknowns, found.problem, _dof(found.point, candidate.location)
-    )
+    dof = _dof(found.point, candidate.location)
+    erring = _fit_torque_noise(found.point, found.unknowns, found.problem, dof)
+    within = [c for c in candidates if candidate.holds(c) or candidate.extends(c)]
+    simpler = [c for c in within if c is not candidate and may_be_open(c, found.problem)]
+    laws = [candidate, *simpler]
+    own = {n for c in laws for n in c.free} | {u.name for c in laws for u in _further(erring.point, c)}
+    rest = [u for u in erring.unknowns if u.name not in own]
+    every = {u.name: u for c in laws for u in (*c.unknowns(rest), *_further(erring.point, c))}
+    taken = len(erring.unknowns) - len(rest)
+    least, causes = 2.0 * erring.objective + taken * float(np.log(erring.run.samples)), ()
+    least += THRESHOLDS.alias
+    for law in simpler:
+        paid, alone = _fit_alone(erring, (law,), laws, every, rest, dof)
+        LOGGER.info("%s errs: %.1f, asked: %.1f", law.key, paid, least)
+        if paid < least:
+            least, erring = paid, alone
+            causes = _causes(alone, rest, (law,), {candidate.key: candidate})
+    return erring, causes
 
 
 def with_open_shape(

@@ -423,10 +423,12 @@ def test_a_law_errs_where_tests_say_that_it_is_not_all(world, monkeypatch, locat
     rubs = candidate(("joint_friction", "joint2", "stribeck"))
     state.causes = [Cause(score_of(rubs), (), 1e7)]
     monkeypatch.setattr(rounds, "may_be_open", lambda own, problem: open_)
-    monkeypatch.setattr(rounds, "with_errors_of_shape", lambda found, own: SimpleNamespace(name=own.location))
+    plainer = Cause(score_of(candidate(("joint_friction", "joint2", "coulomb"))), (), 1e6)
+    erring = SimpleNamespace(name="joint2")
+    monkeypatch.setattr(rounds, "with_errors_of_shape", lambda found, own, candidates: (erring, (plainer,)))
     left = [SimpleNamespace(location=location)]
     assert state.let_law_err(left) is errs
-    assert (state.current.name == "joint2") is errs
+    assert (state.current is erring) is errs and (state.causes == [plainer]) is errs
 
 
 def test_a_cause_is_all_it_can_be_before_a_rival_is_told_from_it(world, monkeypatch):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from smsid.diagnose import open_shape
 from smsid.diagnose.open_shape import may_be_open
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.specification_tests import LAGS, adequacy, open_joints, whiteness
@@ -93,3 +94,35 @@ def test_beside_an_open_shape_memory_has_the_size_it_says(opened):
         noise = replace(opened.run, innovations=rng.standard_normal(opened.run.innovations.shape))
         ratios += [t.ratio for t in whiteness(replace(opened, run=noise))]
     assert np.mean(ratios) == pytest.approx(LAGS, rel=0.06)
+
+
+@pytest.mark.parametrize(("dearer", "named"), [(-1.0, True), (5.0, True), (8.0, False)])
+def test_a_simpler_law_that_errs_is_named_where_it_is_about_as_likely(monkeypatch, dearer, named):
+    """Coulomb friction of 8000 times its limit was a Stribeck curve, of 1.96 +- 1.6 N m at 2.5 mrad/s: it had
+    been better before any law could err.
+    """
+
+    def law(*free):
+        own = SimpleNamespace(free=free, key=("joint_friction", "joint1", free[-1]), location="joint1")
+        own.holds, own.extends = lambda other: set(other.free) < set(free), lambda other: False
+        own.unknowns = lambda rest: [SimpleNamespace(name=n) for n in free]
+        return own
+
+    coulomb, stribeck, viscous = law("coulomb"), law("coulomb", "stribeck"), law("viscous")
+    unknowns = [SimpleNamespace(name=n) for n in ("mass", "coulomb", "stribeck")]
+    erring = SimpleNamespace(objective=0.0, point=None, problem=None, unknowns=unknowns,
+                             run=SimpleNamespace(samples=1000))  # fmt: skip
+    alone = SimpleNamespace(name="alone")
+    price = 2.0 * np.log(1000.0) + dearer
+    for name, stub in {
+        "_dof": lambda *_: 6,
+        "_further": lambda *_: [],
+        "may_be_open": lambda *_: True,
+        "_fit_torque_noise": lambda *_: erring,
+        "_fit_alone": lambda found, some, laws, every, rest, dof: (price, alone),
+        "_causes": lambda found, rest, some, others: (some, set(others)),
+    }.items():
+        monkeypatch.setattr(open_shape, name, stub)
+    found, causes = open_shape.with_errors_of_shape(erring, stribeck, [stribeck, coulomb, viscous])
+    assert (found is alone) is named
+    assert causes == (((coulomb,), {stribeck.key}) if named else ())
