@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.ndimage import median_filter
+from scipy.spatial.transform import Rotation
 
 from smsid.errors import InconsistentChannelsError
 from smsid.estimation.flight import flight_of
@@ -188,6 +189,22 @@ def test_a_filter_refuses_what_is_beyond_doubt_and_says_the_rest(benchmark):
     point = Point.of(described)
     assert any("doubtful" in n and "swapped" in n for n in flight_of(point, wrong.unchecked(), "sat").notes)
     assert not any("doubtful" in n for n in flight_of(point, rec, "sat").notes)
+
+
+@pytest.mark.parametrize("degrees", [77.0, -100.0])
+def test_a_sensor_that_is_turned_has_no_axes_exchanged(benchmark, degrees):
+    """An attitude 1.35 rad off was refused: "x and y are swapped and x turned round" (0.97 crossed)."""
+    rec = benchmark.KINDS["satellite without arm"].make(1)
+    turn = Rotation.from_euler("z", degrees, degrees=True)
+    found = [
+        rec.with_channels({"gyro.angular_rate": rec["gyro.angular_rate"] @ m.T}).contradictions().findings
+        for m in (turn.as_matrix(), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    ]
+    (turned,) = [f for f in found[0] if f.channel == "gyro.angular_rate"]
+    assert turned.kind == "turned" and turned.of_a_sensor and turned.clear
+    assert turned.numbers[0] == pytest.approx(abs(degrees), abs=1.0)
+    (swapped,) = [f for f in found[1] if f.channel == "gyro.angular_rate"]
+    assert swapped.kind == "swapped" and not swapped.of_a_sensor
 
 
 def _faulty_satellite():

@@ -135,7 +135,7 @@ class PairCheck:
             return []
         best = self._best(self.pair)
         swaps, told = self._swaps(best)
-        plain_swap = bool(swaps) and "turned round" not in swaps[0].sentence
+        plain_swap = bool(swaps) and swaps[0].kind != "turned" and "turned round" not in swaps[0].sentence
         if self.attitude and not plain_swap:
             turned = self._quaternion()
             if turned is not None:
@@ -212,6 +212,9 @@ class PairCheck:
         found, told = [], set()
         group = sorted(i for i, b in moved.items() if b.j in moved)
         if len(group) >= 2 and {moved[i].j for i in group} == set(group):
+            turned = self._turned(moved)
+            if turned is not None:
+                return [turned], set(group)
             names = [self.labels[i] for i in group]
             crossed = min(abs(moved[i].correlation) for i in group)
             straight = max(abs(moved[i].straight) for i in group)
@@ -231,6 +234,31 @@ class PairCheck:
             )
             told = set(group)
         return found, told
+
+    def _turned(self, moved: dict[int, _BestSpan]) -> SampleFault | None:
+        """Return that one of two vectors is turned, where that explains far more than axes exchanged do."""
+        if not self.vector or len(self.labels) != 3 or not all(self.usable):
+            return None
+        span = next(iter(moved.values())).pair
+        a, b = span.increments, span.integrals
+        exchanged = np.eye(3)
+        for i, best in moved.items():
+            exchanged[best.j] = math.copysign(1.0, best.correlation) * np.eye(3)[i]
+        u, _, vt = np.linalg.svd(b.T @ a)  # Kabsch, Acta Cryst. A 32 (1976) 922
+        turn = u @ np.diag([1.0, 1.0, float(np.linalg.det(u @ vt))]) @ vt
+        total = float(np.sum(b * b))
+        left, other = (float(np.sum((b - a @ m.T) ** 2)) / total for m in (turn, exchanged))
+        if left > LAG_GAIN * min(other, 1.0 - CORRELATED**2):
+            return None
+        angle = math.degrees(math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(turn)) - 1.0)))))
+        sentence = (
+            f"'{self.v}' and '{self.x}' are turned against each other by {angle:.0f} deg: so turned, the "
+            f"derivative of the latter explains {100 * (1.0 - left):.1f} % of the former, with axes "
+            f"exchanged {100 * max(0.0, 1.0 - other):.1f} %."
+        )
+        mend = "State the frame in which each is mounted, or correct the attitude that one of them is given."
+        numbers = angle, left, other
+        return SampleFault(self.v, self.labels, "turned", self.x, numbers, self.rigid, sentence, mend)
 
     def _scales(self, best: list[_BestSpan | None], told: set[int]) -> list[SampleFault]:
         # A common scale of all components may be meant; one that differs from its neighbours is not.

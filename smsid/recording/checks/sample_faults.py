@@ -15,10 +15,10 @@ from smsid._time_text import time_text
 class SampleFault:
     """A fault of one or more components of a channel.
 
-    ``kind`` is ``outlier``, ``stuck``, ``saturated``, ``held``, ``full turn``, ``swapped``, ``sign``,
-    ``unit``, ``scale``, ``delay`` or ``quaternion``. ``other`` is the channel it was compared with (empty:
-    none); a pair of channels alone cannot tell which of the two is wrong. ``numbers`` is the evidence, all
-    finite. ``clear`` says that the fault is beyond doubt; otherwise it is a note.
+    ``kind`` is ``outlier``, ``stuck``, ``saturated``, ``held``, ``full turn``, ``swapped``, ``turned``,
+    ``sign``, ``unit``, ``scale``, ``delay`` or ``quaternion``. ``other`` is the channel it was compared with
+    (empty: none); a pair of channels alone cannot tell which of the two is wrong. ``numbers`` is the
+    evidence, all finite. ``clear`` says that the fault is beyond doubt; otherwise it is a note.
     """
 
     channel: str
@@ -36,7 +36,7 @@ class SampleFault:
         return OF_A_SENSOR.get(self.kind, False)
 
 
-OF_A_SENSOR: dict[str, bool] = dict.fromkeys(("stuck", "outlier", "sign", "scale", "delay"), True)
+OF_A_SENSOR: dict[str, bool] = dict.fromkeys(("stuck", "outlier", "sign", "scale", "delay", "turned"), True)
 
 FloatArray = NDArray[np.float64]
 
