@@ -13,12 +13,13 @@ from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.plausibility import impossible
 from smsid.diagnose.result import FoundCause
+from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.unknown_structure import but_for_a_structure
 from smsid.diagnose.verdict import causes, own_component_left
-from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero
+from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, strengths
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
@@ -68,7 +69,22 @@ def find_standing_causes(
     )
     values = iter(causes(by))
     own = [next(values) if yes else told for yes, told in zip(elsewhere, named, strict=True)]
+    known = [not _is_of_no_size(c.score.candidate, told) for c, told in zip(found.causes, own, strict=True)]
+    stand = [yes and sure for yes, sure in zip(stand, known, strict=True)]
     return by, tuple(told if yes else None for yes, told in zip(stand, own, strict=True))
+
+
+def _is_of_no_size(candidate: Candidate, told: FoundCause) -> bool:
+    """Whether the interval of every parameter that makes a cause do something, as told, holds nothing or has
+    no end: of a likelihood that is no Gaussian's, a profile may though a standard deviation does not.
+    """
+    if candidate.effect is None:
+        return False
+    nothing = {p.name: p.value for p in candidate.effect.parameters()}
+    intervals = {p.name: p.interval for p in told.parameters}
+    names = [n for n, strong in zip(candidate.free, strengths(candidate), strict=True) if strong]
+    known = [(*intervals[n], nothing[n]) for n in names if n in intervals and n in nothing]
+    return bool(known) and all(low <= no <= high or np.isinf(high - low) for low, high, no in known)
 
 
 def fit_noise_of_unknown_inputs(found: MapFit) -> MapFit:

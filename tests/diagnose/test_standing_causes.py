@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from scipy.stats import chi2
 
@@ -24,7 +25,9 @@ def told(family, location, value=1e-3, aliases=()):
 
 
 def cause(family, location):
-    candidate = SimpleNamespace(family=family, location=location, free=("f.viscous",), also=(), key=location)
+    candidate = SimpleNamespace(
+        family=family, location=location, free=("f.viscous",), also=(), key=location, effect=None
+    )
     return SimpleNamespace(score=SimpleNamespace(candidate=candidate, sides=2))
 
 
@@ -163,3 +166,23 @@ def test_all_components_of_a_channel_are_taken_as_unknown_at_once(monkeypatch):
     rest, lost = standing_causes._rest_unknown(SimpleNamespace(last=run, left=left(())))
     assert set(rest) == set(lost) == set(tests)
     assert [len(names) for names in unknown] == [1, 2, 6]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "offset", "nothing"),
+    [(1e-9, np.inf, 0.2, True), (0.06, np.inf, 0.2, True), (1e-9, 0.3, 0.0, True), (0.02, 0.3, 0.2, False)],
+)
+def test_what_may_as_well_be_nothing_by_its_profile_does_not_stand(low, high, offset, nothing):
+    """Another slosh mass of 0.1 kg (1e-9 to inf), 2.1 standard deviations off, stood beside a ripple,
+    one of 0.06 kg to inf beside a torque that drifts with the temperature.
+    """
+    parameters = [SimpleNamespace(name=n, value=v) for n, v in (("more.mass", 1e-9), ("more.offset.x", 0.0))]
+    effect = SimpleNamespace(parameters=lambda: parameters, strength=("mass",))
+    candidate = SimpleNamespace(free=("more.mass", "more.offset.x"), effect=effect)
+    values = (
+        Value("more.mass", 0.1, 0.047, "kg", profile=(low, high)),
+        Value("more.offset.x", offset, 0.1, "m"),
+    )
+    told = FoundCause("slosh", "bus", "slosh", "another slosh mass", values, (), {})
+    assert standing_causes._is_of_no_size(candidate, told) is nothing
+    assert not standing_causes._is_of_no_size(SimpleNamespace(effect=None), told)
