@@ -205,7 +205,8 @@ def _diagnose(
         wild = recount_outliers(more, every.data, found.last.problem, found.last.run)
         faults = [*before, *wild]
         if not wild and not _is_likelier(found, with_all):
-            problem, found = every, with_all
+            # one that failed is the one before, and says so
+            problem, found = every, found if found.last is with_all.last else with_all
         elif len(wild) < len(more):  # they were a motion that the model did not follow yet
             LOGGER.info("outliers of %d components are none", len(more) - len(wild))
             problem = replace(every, data=drop_samples(every.data, wild))

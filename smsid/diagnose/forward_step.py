@@ -47,8 +47,8 @@ from smsid.estimation.map_estimate import MapFit, evaluate
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-ON_THE_BUS = ("slosh", "appendage", "external")  # families that a structure of unknown motion looks like
 STRUCTURES = ("slosh", "appendage")  # families of what a panel or a tank does
+ON_THE_BUS = (*STRUCTURES, "external")  # families that a structure of unknown motion looks like
 REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
 APART = 100.0  # times what the motion changed, that has to be left of it: a tenth of its size is off then
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to

@@ -17,7 +17,7 @@ from smsid._files import atomic_write
 from smsid.estimation.map_estimate import COSINES
 
 BEGIN, END = "<!-- thresholds: begin -->", "<!-- thresholds: end -->"
-STUDIES = "checked by thirteen studies of hidden effects"
+STUDIES = "checked by studies of hidden effects"
 CHOSEN, CHI2 = "not calibrated: chosen", "chi-squared"
 ODDS, RATIO, SIGMAS = "doubled log odds", "likelihood ratio", "standard deviations"
 NOISE, SHARE, MOTION = "times the noise", "share of information", "of the motion"

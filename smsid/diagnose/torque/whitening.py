@@ -7,7 +7,6 @@ rest by clusters in time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,13 +51,9 @@ class Whitening:
 
     @classmethod
     def of(
-        cls,
-        residual: np.ndarray,
-        parameters: Sequence[float] | np.ndarray,
-        floor: np.ndarray,
-        near: np.ndarray,
+        cls, residual: np.ndarray, parameters: np.ndarray, floor: np.ndarray, near: np.ndarray
     ) -> Whitening:
-        """Return the whitening of residuals (n, joints) that ``parameters`` were fitted to, joint by joint.
+        """Return the whitening of residuals (n, joints) that as many ``parameters`` (joints,) were fitted to.
 
         Orders by Bayes's criterion; innovations are no less than ``floor`` (joints,). Errors may be larger
         where joints are near rest, ``near`` (n, joints).

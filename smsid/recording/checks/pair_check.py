@@ -237,6 +237,8 @@ class PairCheck:
 
     def _turned(self, moved: dict[int, _BestSpan]) -> SampleFault | None:
         """Return that one of two vectors is turned, where that explains far more than axes exchanged do."""
+        from scipy.spatial.transform import Rotation  # which takes its time, for what is rare
+
         if not self.vector or len(self.labels) != 3 or not all(self.usable):
             return None
         span = next(iter(moved.values())).pair
@@ -244,13 +246,12 @@ class PairCheck:
         exchanged = np.eye(3)
         for i, best in moved.items():
             exchanged[best.j] = math.copysign(1.0, best.correlation) * np.eye(3)[i]
-        u, _, vt = np.linalg.svd(b.T @ a)  # Kabsch, Acta Cryst. A 32 (1976) 922
-        turn = u @ np.diag([1.0, 1.0, float(np.linalg.det(u @ vt))]) @ vt
+        turn = Rotation.align_vectors(b, a)[0]
         total = float(np.sum(b * b))
-        left, other = (float(np.sum((b - a @ m.T) ** 2)) / total for m in (turn, exchanged))
+        left, other = (float(np.sum((b - x) ** 2)) / total for x in (turn.apply(a), a @ exchanged.T))
         if left > LAG_GAIN * min(other, 1.0 - CORRELATED**2):
             return None
-        angle = math.degrees(math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(turn)) - 1.0)))))
+        angle = math.degrees(float(turn.magnitude()))
         sentence = (
             f"'{self.v}' and '{self.x}' are turned against each other by {angle:.0f} deg: so turned, the "
             f"derivative of the latter explains {100 * (1.0 - left):.1f} % of the former, with axes "

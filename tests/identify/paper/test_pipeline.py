@@ -183,7 +183,8 @@ def test_predicted_sigmas_of_few_replicates_are_the_spread(spread, group):
     the same draws for all seeds, and Student's t asks for 1.6 times what four show, for intervals to hold.
     Before they had to for poor flights (one factor for all parameters), Step A's were the spread.
     """
-    assert np.mean(list(spread[group].values())) == pytest.approx(1.0, abs=0.1)
+    ratio = list(spread[group].values())
+    assert min(ratio) > 0.66 and np.mean(ratio) == pytest.approx(1.0, abs=0.1), spread[group]
 
 
 @oracle
