@@ -80,7 +80,7 @@ def accept(
             if still is not None and not any(s is still for s in contenders):
                 contenders.append(still)
     fitted: list[tuple[float, Score, float]] = []  # criterion and objective; of fits the best alone is kept
-    leader, at_most = current, np.inf
+    leader, at_most, followed = current, np.inf, False
     nothing: dict[int, float] = {}
     for s in contenders:
         found = refit(current, s, at_most)
@@ -92,10 +92,14 @@ def accept(
             current = without_candidate(current, found, s.candidate)
         LOGGER.info("%s: ratio %.1f linear, %.1f refitted", s.candidate.key, s.ratio, ratio)
         nothing[id(s)] = chance_of_nothing(found, s.candidate, current)
-        if nothing[id(s)] > levels.candidate:
-            LOGGER.info("%s ran away: it is nothing by a chance of %.3g", s.candidate.key, nothing[id(s)])
-            continue
         price = cost(current, s, found)
+        if nothing[id(s)] > levels.candidate:
+            LOGGER.info("%s is nothing by a chance of %.3g", s.candidate.key, nothing[id(s)])
+            followed = s is best and follows(found)
+            if not followed:  # it ran away
+                continue
+            fitted, leader = [(-2.0 * found.objective - price, s, found.objective)], found
+            break
         if all(-2.0 * found.objective - price > value for value, *_ in fitted):
             leader = found
         fitted.append((-2.0 * found.objective - price, s, found.objective))
@@ -115,7 +119,8 @@ def accept(
             sure = max(sure, s.chance_of(nothing[id(s)]))
         return sure * tried > levels.candidate
 
-    if is_chance(winner, ratio) and not (ratio > THRESHOLDS.linear and follows(found)):
+    followed = followed or (ratio > THRESHOLDS.linear and is_chance(winner, ratio) and follows(found))
+    if is_chance(winner, ratio) and not followed:
         gains = [(s, 2.0 * (current.objective - objective)) for _, s, objective in fitted]
         in_vain.update(s.candidate.key for s, gained in gains if is_chance(s, gained))
         return None, current

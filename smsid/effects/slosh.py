@@ -102,7 +102,8 @@ class SloshNonlinearity(TankEffect):
     summary = "spring and damping of a slosh mass that depend on amplitude"
     aliases = ("slosh",)
     strength = ("cubic", "quadratic_damping")
-    strong = {"cubic": (30.0, 300.0, 3e3, 3e4), "quadratic_damping": (30.0, 300.0)}
+    # a spring sets a frequency: likely within an octave of what it is, and nowhere else
+    strong = {"cubic": tuple(np.geomspace(30.0, 3e4, 11)), "quadratic_damping": (30.0, 300.0)}
     in_words = "the fuel in {place} moves non-linearly: {shape}"
     kind: Literal["slosh_nonlinearity"] = "slosh_nonlinearity"
     law: Literal["radial", "per_axis"] = Field(

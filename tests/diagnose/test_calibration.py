@@ -108,6 +108,34 @@ def test_what_lets_the_model_follow_is_no_chance(monkeypatch, ratio, follows, na
     assert asked == ([found] if ratio > DetectionThresholds().linear else [])
 
 
+@pytest.mark.parametrize("followed", ["best", "other", ""])
+def test_what_may_be_nothing_but_lets_the_model_follow_is_a_cause(monkeypatch, followed):
+    """An attitude's bias of 1.35 rad is hardly seen in noise as large as itself; with it all is followed.
+
+    What comes behind is asked by its chance alone: a fit to the stated noise of each would take minutes.
+    """
+    run, asked = SimpleNamespace(samples=1000), []
+    best, other = score(40.0, 1), score(39.0, 1)
+    other = replace(other, candidate=replace(other.candidate, location="other"))
+    fits = {
+        s.candidate.key: SimpleNamespace(objective=0.0, run=run, unknowns=(), problem=Coloured(True))
+        for s in (best, other)
+    }
+    module = "smsid.diagnose.model_comparison"
+    monkeypatch.setattr(f"{module}.refit", lambda current, s, at_most: fits[s.candidate.key])
+    monkeypatch.setattr(f"{module}.chance_of_nothing", lambda *_: 0.03)
+
+    def follows(fit):
+        asked.append(fit)
+        return fit is {"best": fits[best.candidate.key], "other": fits[other.candidate.key]}.get(followed)
+
+    current = SimpleNamespace(objective=20.0, run=run, unknowns=())
+    levels = replace(DetectionThresholds(), linear=0.0)
+    cause, _ = accept(current, best, [best, other], levels, 122, follows=follows)
+    assert asked == [fits[best.candidate.key]]
+    assert (cause is not None) is (followed == "best")
+
+
 def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypatch):
     """Wald's statistic of 12 is one case in two thousand: enough for one alone, not for one of sixty."""
 

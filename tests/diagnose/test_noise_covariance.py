@@ -239,3 +239,21 @@ def test_a_model_that_loses_a_recording_errs_by_as_little_as_it_has_to(known, pr
     assert found.fit.problem.noise.accelerations and not found.stated.noise.accelerations
     assert found.stated.noise == found.strict == problem.noise
     assert erring_fit(known.point, problem, known.unknowns[:1]) is None and len(lost) == 7
+
+
+@pytest.mark.parametrize(("left", "steps"), [((900.0, 300.0, 3.0), 3), ((900.0, 500.0, 3.0), 2)])
+def test_a_fit_to_the_noise_goes_on_while_it_comes_closer(monkeypatch, left, steps):
+    """From afar two steps do not reach the noise; one that stays where it is costs no more of them."""
+    made, rows = [], SimpleNamespace(data=SimpleNamespace(rows=1))
+
+    def two_steps(*_, iterations):
+        made.append(iterations)
+        return SimpleNamespace(run=left[len(made) - 1], point=None)
+
+    monkeypatch.setattr(noise_covariance, "fit", two_steps)
+    monkeypatch.setattr(noise_covariance, "normalised_rmse", lambda run: run)
+    monkeypatch.setattr(noise_covariance, "continue_fit", lambda found, iterations: SimpleNamespace(run=1.0))
+    monkeypatch.setattr(noise_covariance, "strays_by_row", lambda *_: np.ones(1))
+    found = noise_covariance.fit_to_stated_noise(None, (), rows)
+    assert (found is not None) is (steps == 3)
+    assert len(made) == steps

@@ -28,6 +28,10 @@ CASES = [
             ("sms", "sensor_misalignment:angles.z@imu.angular_rate", -0.4, "sensor_misalignment", "angles.z"),
             # what its sign lacks near rest was felt by an accelerometer, and taken for its memory
             ("rigid", "joint_friction:load@joint2", 0.1732, "joint_friction", "load"),
+            # likely within an octave of its size alone, which none of the strong values had been
+            ("panel", "slosh_nonlinearity:cubic@tank", 858.3, "slosh_nonlinearity", "cubic"),
+            # what contradicts it takes 2e8 times the noise from being proven
+            ("sms", "sensor_bias:bias.z@pose.attitude", -1.348, "sensor_bias", "bias.z"),
             ("sms", "slosh:second@tank2", 19.18, "slosh", "mass"),
             # the filter loses the recording without it, or predicts it worse than no motion would
             ("arm", "sensor_bias:bias@encoder.joint_position[joint2]", -0.6875, "sensor_bias", "bias"),
