@@ -152,7 +152,7 @@ def test_units_of_sensor_errors_are_those_of_their_channels() -> None:
 
 
 def test_strong_springs_of_a_tank_are_begun_an_octave_apart():
-    """Of a spring of 858 N/m^3, 300 and 3000 were both less likely than none; 500 to 1000 were far likelier."""
+    """Of a spring of 858 N/m^3, 300 and 3000 were less likely than none; 500 to 1000 were far likelier."""
     values = np.array(SloshNonlinearity.strong["cubic"])
     assert values[0] <= 30.0 and values[-1] >= 3e4
     assert (values[1:] / values[:-1] <= 2.0).all()
