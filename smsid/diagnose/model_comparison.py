@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from math import comb
 
@@ -313,19 +314,22 @@ def refit(current: MapFit, s: Score, at_most: float = np.inf) -> MapFit | None:
     # what stood in for the effect goes back, the effect comes in
     back = -(s.taken @ s.estimate) * current.scales
     start = point.moved(current.unknowns, back).moved(own, s.estimate * np.array(candidate.steps))
+    absurd = partial(impossible_fit, candidate=candidate)
     for at in (start, point):
         try:
             if not at.physical():
                 continue
-            found = fit(at, unknowns, current.problem, iterations=12, at_most=at_most)
-            found = _fit_further_parameters(found, candidate) if found.objective < at_most else found
+            found = fit(
+                at, unknowns, current.problem, iterations=12, at_most=at_most, in_vain=absurd
+            )  # fmt: skip
+            if found.objective < at_most and not absurd(found):
+                found = _fit_further_parameters(found, candidate)
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
             continue
-        absurd = impossible_fit(found, candidate)
-        if not absurd:
+        if not absurd(found):
             return found
-        LOGGER.info("%s is not believed: %s", candidate.key, absurd)
+        LOGGER.info("%s is not believed: %s", candidate.key, absurd(found))
     return None
 
 

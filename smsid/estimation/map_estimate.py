@@ -27,6 +27,7 @@ from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH_GAIN = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
+NEARLY_AT_REST = 10.0  # predicted gain below which a fit goes no longer anywhere else
 MOST_TRIES = 6  # steps that are tried from one point, each shorter than the last
 STALLED_SHARE = 0.02  # share of the predicted gain below which two steps in a row were the last
 REACH = 1.1  # share of the predicted gain within which a fit may still reach what it has to
@@ -261,19 +262,25 @@ def fit(
     iterations: int = 6,
     enough: float = ENOUGH_GAIN,
     at_most: float = np.inf,
+    in_vain: Callable[[MapFit], object] | None = None,
 ) -> MapFit:
     """Return the point that maximises likelihood times prior, from a start.
 
     ``enough`` is the gain of the log-posterior below which a step is the last; a fit that does not come
-    to the objective ``at_most`` is given up early. Raises `SimulationError` when
-    the start itself cannot be filtered.
+    to the objective ``at_most`` is given up early, and so is one that is ``in_vain`` where it is nearly at
+    rest. Raises `SimulationError` when the start itself cannot be filtered.
     """
     start = evaluate(point, unknowns, problem)
-    return continue_fit(start, iterations=iterations, enough=enough, at_most=at_most)
+    return continue_fit(start, iterations=iterations, enough=enough, at_most=at_most, in_vain=in_vain)
 
 
 def continue_fit(
-    found: MapFit, *, iterations: int = 6, enough: float = ENOUGH_GAIN, at_most: float = np.inf
+    found: MapFit,
+    *,
+    iterations: int = 6,
+    enough: float = ENOUGH_GAIN,
+    at_most: float = np.inf,
+    in_vain: Callable[[MapFit], object] | None = None,
 ) -> MapFit:
     """Return a fit some iterations on.
 
@@ -288,6 +295,8 @@ def continue_fit(
         hoped = (REACH if i else FIRST_REACH) if i < PATIENCE else 0.0
         if found.objective - hoped * gain > at_most:
             LOGGER.info("given up at %.2f: %.2f is out of reach", found.objective, at_most)
+            break
+        if gain < NEARLY_AT_REST and in_vain is not None and in_vain(found):
             break
         if gain < enough:
             last = found.point.moved(unknowns, step * found.scales)
