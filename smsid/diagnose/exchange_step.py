@@ -120,7 +120,7 @@ def without_cause(found: MapFit, candidate: Candidate, nominal: MapFit) -> MapFi
     Its parameters are bound by their priors again, or no longer there; the others are free to make up for it,
     but do not yet. Raises `SmsidError` where what it does has no derivative.
     """
-    own = {*candidate.free, *candidate.also}
+    own = candidate.parameters
     point, run, effect = found.point, found.run, candidate.effect
     if effect is None:
         bound = {u.name: u for u in nominal.unknowns}

@@ -194,7 +194,7 @@ class SearchState:
         """
         self._found_elsewhere = frozenset(c.score.candidate.key for c in self.causes) - self._settled
         whole = replace(self.current.problem, data=problem.data, noise=problem.noise)
-        own = {n for c in self.causes for n in (*c.score.candidate.free, *c.score.candidate.also)}
+        own = {n for c in self.causes for n in c.score.candidate.parameters}
         self.fitted = with_structure_again(self.fitted, whole, self.nominal, own)
         self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
         self.normalised_rmse = normalised_rmse(self.nominal.run, self.fitted.factors)

@@ -76,7 +76,7 @@ def likelier_start(nominal: MapFit, last: MapFit, *, left: bool) -> Problem | No
         if there.objective < cost:
             return in_motion(there.point, begun)
         if left and last is not nominal:
-            there = _fitted_about_rest(last, problem)
+            there = _fitted_about_rest(last, problem, at_most=last.objective - CLEAR_GAIN)
             LOGGER.info("with causes about rest: %.7g, from rest %.7g", there.objective, last.objective)
             if there.objective < last.objective - CLEAR_GAIN:
                 return in_motion(there.point, problem)
@@ -126,10 +126,13 @@ def rest_is_likelier(rests: Fits, moves: Fits) -> bool:
     return costs[0] < costs[1] + CLEAR_GAIN
 
 
-def _fitted_about_rest(found: MapFit, problem: Problem) -> MapFit:
-    """Return a fit of the same parameters to a problem that begins about rest."""
+def _fitted_about_rest(found: MapFit, problem: Problem, at_most: float = np.inf) -> MapFit:
+    """Return a fit of the same parameters to a problem that begins about rest; given up where it does not
+    come to the objective ``at_most``.
+    """
     for _ in range(LOOKS):
-        found = fit(found.point, found.unknowns, _about_rest(found.point, problem), iterations=STEPS)
+        begun = _about_rest(found.point, problem)
+        found = fit(found.point, found.unknowns, begun, iterations=STEPS, at_most=at_most)
     return found
 
 

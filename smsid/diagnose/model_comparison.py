@@ -286,7 +286,7 @@ def fit_from_nominal(found: MapFit, causes: Sequence[Candidate]) -> MapFit:
     """
     if found.objective - within_reach(found) < AT_REST:
         return found
-    own = {n for c in causes for n in (*c.free, *c.also)}
+    own = {n for c in causes for n in c.parameters}
     nominal = [u for u in found.unknowns if u.kind in ("inertial", "effect") and np.isfinite(u.sigma)]
     nominal = [u for u in nominal if u.name not in own]
     back = np.array([u.nominal - found.point.value(u) for u in nominal])

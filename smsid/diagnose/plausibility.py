@@ -38,7 +38,7 @@ def impossible(cause: FoundCause) -> str:
 
 def impossible_fit(found: MapFit, candidate: Candidate) -> str:
     """Return in words which value of a candidate's parameters in a fit cannot be; empty where all can."""
-    own = [u for u in found.unknowns if u.name in (*candidate.free, *candidate.also)]
+    own = [u for u in found.unknowns if u.name in candidate.parameters]
     values = tuple(
         Value(u.name, found.point.value(u), math.nan, u.unit, None if candidate.effect else u.nominal)
         for u in own

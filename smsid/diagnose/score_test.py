@@ -58,6 +58,11 @@ class Candidate:
         return self.kind, self.location, self.shape
 
     @property
+    def parameters(self) -> frozenset[str]:
+        """Names of what it frees, at once or once its effect is there."""
+        return frozenset((*self.free, *self.also))
+
+    @property
     def start(self) -> float | None:
         """When its effect begins midway [s]."""
         return getattr(self.effect, "start", None)

@@ -12,6 +12,7 @@ from smsid.diagnose.exchange_step import without_cause
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.plausibility import impossible
+from smsid.diagnose.profile_intervals import with_profile_intervals
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
@@ -64,8 +65,13 @@ def find_standing_causes(
     elsewhere = [yes and not here for yes, here in zip(stand, there, strict=True)]
     kept = tuple(c for c, yes in zip(found.causes, elsewhere, strict=True) if yes)
     unknown = f"taken as unknown where causes elsewhere are judged: {', '.join(lost)}"
+    bent = with_profile_intervals(replace(found, causes=kept)).bent
     by = replace(
-        found, last=likeliest, causes=kept, failed=(*found.failed, unknown) if kept else found.failed
+        found,
+        last=likeliest,
+        causes=kept,
+        failed=(*found.failed, unknown) if kept else found.failed,
+        bent=bent,
     )
     values = iter(causes(by))
     own = [next(values) if yes else told for yes, told in zip(elsewhere, named, strict=True)]
@@ -165,7 +171,7 @@ def _but_for_a_structure(found: Search) -> tuple[MapFit, dict[str, str]] | None:
 
     def own(place: str) -> set[str]:
         causes = (c.score.candidate for c in found.causes)
-        return {n for c in causes if is_at(c.location, place) for n in (*c.free, *c.also)}
+        return {n for c in causes if is_at(c.location, place) for n in c.parameters}
 
     rest = but_for_a_structure(InflatedFit(found.last, found.factors), own)
     return None if rest is None else (rest.fit, {rest.unknown: rest.unknown})

@@ -67,7 +67,7 @@ def chance_of_share(before: MapFit, after: MapFit, candidate: Candidate) -> floa
     power = np.asarray(dct(errors_left(before), axis=0, norm="ortho")) ** 2
     left, there = (errors_left(after) ** 2).sum(axis=0), power.any(axis=0)
     whole, largest, left = power.sum(axis=0)[there], power.max(axis=0)[there], left[there]
-    freedom = len({u.name for u in after.unknowns} & {*candidate.free, *candidate.also})
+    freedom = len({u.name for u in after.unknowns} & candidate.parameters)
     rest = whole / largest - freedom
     told = rest > 0.0
     share = np.clip(1.0 - left / whole, 0.0, 1.0)[told]

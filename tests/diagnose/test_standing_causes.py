@@ -56,6 +56,7 @@ def stands(monkeypatch):
             "each_may_be_zero": lambda _, candidate: candidate.location == nothing,
             "own_component_left": lambda _, c: left if c.score.candidate.location == "joint2" else "",
             "replace": lambda found, **new: SimpleNamespace(**{**vars(found), **new}),
+            "with_profile_intervals": lambda asked: SimpleNamespace(bent=[*asked.causes]),
             "causes": lambda by: tuple(own[c.score.candidate.location] for c in by.causes),
         }.items():
             monkeypatch.setattr(standing_causes, name, stub)
@@ -63,6 +64,7 @@ def stands(monkeypatch):
         elsewhere = [o for o in out if o is not None and o.location != unknown]
         assert [unknown in note for note in by.failed] == [True] * bool(elsewhere)
         assert by.last is REST and len(by.causes) == len(elsewhere)
+        assert by.bent == [*by.causes]  # of no others are profiles followed
         assert all(o.parameters[0].value == 2e-3 for o in elsewhere)
         return tuple(o is not None for o in out)
 
