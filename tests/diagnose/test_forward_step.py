@@ -27,6 +27,7 @@ def candidate(key, family="friction"):
         simpler=(),
         free=(f"{key[1]}.size",),
         also=(),
+        parameters={f"{key[1]}.size"},
         holds=lambda other: False,
     )
 
