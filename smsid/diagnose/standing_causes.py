@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,8 +39,9 @@ def find_standing_causes(
     elsewhere, ``None`` in the place of the others; ``named`` are all of them.
 
     Their values can be, nothing of another place looks like them, and they are needed also where what is left
-    is taken as unknown: the equations and channels that still depend on something, or where misfit is
-    counted, a structure whose own motion is all that is not followed. Their values are those they have then,
+    is taken as unknown, or what was left without any cause: the equations and channels that depend on
+    something, or where misfit is counted, a structure whose own motion is all that is not followed. Their
+    values are those they have then,
     with what is unknown as large as is likeliest: before, they bent to the rest. Of causes at a place that is
     unknown, only those of such a structure stand, with the misfit counted in their values, where the causes
     take most of it away.
@@ -62,6 +63,8 @@ def find_standing_causes(
         and _is_needed(found, cause, found.last if here else last)
         for cause, told, here in zip(found.causes, named, there, strict=True)
     ]
+    if any(stand) and not found.misfit:
+        stand = _stand_otherwise(found, stand, lost)
     elsewhere = [yes and not here for yes, here in zip(stand, there, strict=True)]
     kept = tuple(c for c, yes in zip(found.causes, elsewhere, strict=True) if yes)
     unknown = f"taken as unknown where causes elsewhere are judged: {', '.join(lost)}"
@@ -138,14 +141,33 @@ def _is_needed(found: Search, cause: Cause, rest: MapFit) -> bool:
     return tried * chance_of_nothing(rest, own, less) < found.levels.further
 
 
-def _rest_unknown(found: Search) -> tuple[MapFit, dict[str, str]] | None:
+def _stand_otherwise(found: Search, stand: Sequence[bool], lost: Mapping[str, str]) -> list[bool]:
+    """Return which causes stand also where it is not what they leave that is taken as unknown, but what was
+    left without any, if that leaves nothing either.
+
+    Causes that stand in for a torque by chance at one joint leave little of it, and that at its neighbour.
+    """
+    other = _rest_unknown(replace(found, blocks=found.before), rounds=1)
+    if other is None or set(other[1]) <= set(lost):
+        return list(stand)
+    last, places = other
+    LOGGER.info("nor is anything left without %s", places)
+    return [
+        yes
+        and not any(is_at(c.score.candidate.location, place) for place in places.values())
+        and _is_needed(found, c, last)
+        for c, yes in zip(found.causes, stand, strict=True)
+    ]
+
+
+def _rest_unknown(found: Search, rounds: int = THRESHOLDS.peeled) -> tuple[MapFit, dict[str, str]] | None:
     """Return the last fit made again with what is left taken as unknown, and the places of that by name;
     nothing where it cannot be fitted or something is still left.
 
     One after the other, the worst first: what it leaves shows in its neighbours, too.
     """
     lost, here = dict[str, str](), found
-    for _ in range(THRESHOLDS.peeled):
+    for _ in range(rounds):
         left = [t for t in here.left if t.where not in lost]
         if not left:
             return here.last, lost

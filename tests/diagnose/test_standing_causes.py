@@ -1,6 +1,6 @@
 """Which causes stand though something else is left, in words and by their own components."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,6 +56,7 @@ def stands(monkeypatch):
             "each_may_be_zero": lambda _, candidate: candidate.location == nothing,
             "own_component_left": lambda _, c: left if c.score.candidate.location == "joint2" else "",
             "replace": lambda found, **new: SimpleNamespace(**{**vars(found), **new}),
+            "_stand_otherwise": lambda found, stand, lost: stand,
             "with_profile_intervals": lambda asked: SimpleNamespace(bent=[*asked.causes]),
             "causes": lambda by: tuple(own[c.score.candidate.location] for c in by.causes),
         }.items():
@@ -188,3 +189,39 @@ def test_what_may_as_well_be_nothing_by_its_profile_does_not_stand(low, high, of
     told = FoundCause("slosh", "bus", "slosh", "another slosh mass", values, (), {})
     assert standing_causes._is_of_no_size(candidate, told) is nothing
     assert not standing_causes._is_of_no_size(SimpleNamespace(effect=None), told)
+
+
+@pytest.mark.parametrize(
+    ("before", "followed", "needed", "expected"),
+    [
+        ("joint3", True, False, [False, False, False]),
+        ("joint3", True, True, [False, True, False]),  # a cause at joint3 is what is unknown there
+        ("joint3", False, False, [True, True, False]),  # something else is left then: it is no explanation
+        ("joint2", True, False, [True, True, False]),  # as is taken as unknown already
+    ],
+)
+def test_what_is_not_needed_where_another_equation_is_unknown_does_not_stand(
+    monkeypatch, before, followed, needed, expected
+):
+    """A random torque at joint3 was three causes there and in a tank, which left a little at joint2."""
+    asked = []
+
+    @dataclass(frozen=True)
+    class Found:
+        blocks: str
+        before: str
+        causes: tuple
+
+    def rest(found, rounds):
+        asked.append((found.blocks, rounds))
+        return (REST, {f"torque of {before}": before}) if followed else None
+
+    monkeypatch.setattr(standing_causes, "_rest_unknown", rest)
+    monkeypatch.setattr(standing_causes, "_is_needed", lambda found, c, last: needed and last is REST)
+    causes = tuple(cause(family, at) for family, at in (("friction", "joint3"), BIAS, DRAG))
+    found = Found("after", "before", causes)
+    assert (
+        standing_causes._stand_otherwise(found, [True, True, False], {"torque of joint2": "joint2"})
+        == expected
+    )
+    assert asked == [("before", 1)]
