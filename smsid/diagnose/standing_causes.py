@@ -61,6 +61,7 @@ def find_standing_causes(
         and (mostly or not here)
         and (found.misfit or not own_component_left(found, cause))
         and _is_needed(found, cause, found.last if here else last)
+        and (here or likeliest is last or _is_needed(found, cause, likeliest))  # what its size is told by
         for cause, told, here in zip(found.causes, named, there, strict=True)
     ]
     if any(stand) and not found.misfit:
