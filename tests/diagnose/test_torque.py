@@ -21,11 +21,10 @@ from smsid.diagnose.torque.equations import torque_equations
 from smsid.diagnose.torque.fit import (
     TorquePrior,
     TorqueTerm,
-    _fit_all_joints,
     effects_of,
     fit_torques,
-    learn_noise,
 )
+from smsid.diagnose.torque.noise import learn_noise
 from smsid.diagnose.torque.whitening import Whitening, robust_p_value
 from smsid.effects import JointFriction
 from smsid.export import export_folder
@@ -271,17 +270,6 @@ def test_noise_of_a_short_recording_is_no_cause(cutoff):
     assert verdicts.count("adequate") >= 11
 
 
-def test_parameters_common_to_all_joints_take_as_many_instants_as_they_are():
-    rng = np.random.default_rng(4)
-    design, x = rng.standard_normal((50, 3, 8)), rng.standard_normal(8)
-    noise = rng.standard_normal((50, 3)) * [0.1, 1.0, 5.0]
-    left, taken = _fit_all_joints(design, design @ x + noise)
-    assert taken.sum() == pytest.approx(8.0) and taken[0] > 2.0 * taken[1] > 4.0 * taken[2]
-    direct = np.linalg.lstsq((design / [[[0.1], [1.0], [5.0]]]).reshape(150, 8),
-                             ((design @ x + noise) / [0.1, 1.0, 5.0]).ravel(), rcond=None)[0]  # fmt: skip
-    assert left == pytest.approx(design @ x + noise - design @ direct, abs=0.02)
-
-
 def test_rounding_is_no_column_that_noise_is_learnt_beside():
     """A column that acts at one joint leaves zeros at others, or what rounding makes of them."""
     log = recorded(seed=5)
@@ -295,11 +283,14 @@ def test_rounding_is_no_column_that_noise_is_learnt_beside():
     np.testing.assert_allclose(levels[1], levels[0], rtol=1e-6)
 
 
+NOTHING_TAKEN = [np.zeros((4000, 0))] * 2
+
+
 def test_whitening_takes_the_colour_out():
     rng = np.random.default_rng(1)
     coloured = lfilter([1.0], [1.0, -0.7, 0.2], rng.normal(size=(4000, 2)), axis=0) * [1.0, 5.0]
     nowhere = np.zeros(coloured.shape, dtype=bool)
-    found = Whitening.of(coloured, np.zeros(2), np.zeros(2), nowhere)
+    found = Whitening.of(coloured, NOTHING_TAKEN, np.zeros(2), nowhere)
     white = found.apply(coloured, nowhere)
     np.testing.assert_allclose(white.std(axis=0), 1.0, rtol=0.02)
     for lag in (1, 2, 3):
@@ -310,7 +301,7 @@ def test_errors_are_as_large_as_they_are_where_nobody_says_what_friction_is():
     rng = np.random.default_rng(2)
     unsure = rng.random((4000, 2)) < 0.1
     errors = rng.standard_normal((4000, 2)) * np.where(unsure, [4.0, 1.0], 1.0)
-    found = Whitening.of(errors, np.zeros(2), np.zeros(2), unsure)
+    found = Whitening.of(errors, NOTHING_TAKEN, np.zeros(2), unsure)
     np.testing.assert_allclose(found.larger_near_rest, [4.0, 1.0], rtol=0.1)
     white = found.apply(errors, unsure)
     for where in (unsure[found.order :], ~unsure[found.order :]):

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.arm.regression import solve_joints
-from smsid.diagnose.torque.candidates import SIMPLE, TorqueCandidate
+from smsid.diagnose.torque.candidates import TorqueCandidate
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.diagnose.torque.whitening import Whitening, cluster_projections
 from smsid.effects.base import Effect
 
-MOST_TAKEN = 1 / 3  # of a joint's instants, that parameters may take of what its noise is learnt from
-FEW_TAKEN = 1 / 6  # the same of parameters common to all joints: as many take slow noise away
 ROUNDS = 3
 RANK = 1e-9
-RANK_OF_NOISE = 1e-6
-ROUNDED = 1e-9  # share of its largest at any joint below which a column does nothing at one
 FLOOR = 1e-9
 """Noise is taken to be no less than this share of a joint's torque: of a simulation without any."""
-
-Fitted = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""From columns (n, joints, k) and torques (n, joints) to what is left, and how many parameters that took."""
 
 
 @dataclass(frozen=True)
@@ -120,71 +113,7 @@ class TorqueFit:
         return np.vstack([flat, np.zeros((len(self.left) - len(flat), flat.shape[1]))])
 
 
-def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate]) -> Whitening:
-    """Return the whitening of what no candidate explains, each joint fitted by itself where that can be.
-
-    What a model lacks is no noise and must not hide in it: its spectrum is learnt beside all candidates at
-    once. In a recording too short for that, parameters are common to all joints, beside all candidates,
-    those of one parameter and a joint's own, or a joint's own friction, rotor and offset.
-    """
-    few = [c for c in candidates if len(c.joints) == 1 and len(c.names) == 1]
-    simple = [c for c in few if c.shape in SIMPLE]
-    # columns that depend on the torque take the predicted one: the measured one would explain its own noise
-    load = _roughly(equations)
-    count = len(equations.torque)
-
-    def beside(chosen: Sequence[TorqueCandidate], fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
-        columns = [c.columns(equations, load) for c in chosen]
-        design = np.concatenate([equations.rows, *(equations.filtered(c) for c in columns)], axis=2)
-        return fitted(design, equations.torque)
-
-    residual, taken = beside(candidates, _fit_each_joint)
-    if taken.max() > MOST_TAKEN * count:
-        for chosen in (candidates, few, simple):
-            residual, taken = beside(chosen, _fit_all_joints)
-            if taken.max() < FEW_TAKEN * count:
-                break
-    if taken.max() > MOST_TAKEN * count:
-        residual, taken = beside((), _fit_all_joints)
-    scale = FLOOR * np.sqrt(np.mean(equations.torque**2, axis=0))
-    return Whitening.of(residual, taken, scale, equations.near_rest)
-
-
-def _fit_each_joint(design: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return what columns (n, joints, k) leave of torques (n, joints), each joint with parameters of its own,
-    and how many of these it takes (joints,).
-    """
-    residual, ranks = np.empty_like(torque), np.zeros(torque.shape[1])
-    size = np.linalg.norm(design, axis=0)
-    acts = size > ROUNDED * size.max(axis=0)  # at other joints a column may be what rounding leaves
-    for j in range(torque.shape[1]):
-        u = _spanned(design[:, j][:, acts[j]])
-        residual[:, j] = torque[:, j] - u @ (u.T @ torque[:, j])
-        ranks[j] = u.shape[1]
-    return residual, ranks
-
-
-def _fit_all_joints(design: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same with parameters common to all joints, which weigh by what each leaves."""
-    n, joints = torque.shape
-    sigma, residual, taken = np.sqrt(np.mean(torque**2, axis=0)) + FLOOR, torque, np.zeros(joints)
-    for _ in range(ROUNDS):
-        u = _spanned((design / sigma[:, None]).reshape(n * joints, -1))
-        left = (torque / sigma).ravel()
-        residual = (left - u @ (u.T @ left)).reshape(n, joints) * sigma
-        taken = (u**2).sum(axis=1).reshape(n, joints).sum(axis=0)
-        sigma = np.sqrt((residual**2).sum(axis=0) / np.maximum(n - taken, n / 4)) + FLOOR * sigma
-    return residual, taken
-
-
-def _spanned(columns: np.ndarray) -> np.ndarray:
-    """Return orthonormal directions that columns span but for rounding."""
-    size = np.linalg.norm(columns, axis=0)
-    u, singular, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    return u[:, singular > RANK_OF_NOISE * singular.max(initial=0.0)]
-
-
-def _roughly(equations: TorqueEquations) -> np.ndarray:
+def rough_load(equations: TorqueEquations) -> np.ndarray:
     """Return the torque (N, joints) that the combinations alone predict, all joints alike [N m]."""
     size = np.sqrt(np.mean(equations.torque**2, axis=0)) + FLOOR
     plain = Whitening(np.zeros((len(size), 0)), size)

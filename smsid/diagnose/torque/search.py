@@ -17,11 +17,11 @@ from smsid.diagnose.torque.fit import (
     TorquePrior,
     TorqueTerm,
     fit_torques,
-    learn_noise,
     moved_value,
     refit_as_identification,
     with_equations,
 )
+from smsid.diagnose.torque.noise import learn_noise
 from smsid.diagnose.torque.scores import (
     TorqueScore,
     acts_on_all,
