@@ -141,7 +141,11 @@ class SearchState:
         rivals = [own.get(s.candidate.key, s) for s in self.scores]
         rivals.sort(key=self._worth, reverse=True)
         in_vain = {best.candidate.key}
-        worth = {"worth": self._worth, "follows": self._follows} if self.fitted.misfit else {}
+        worth = (
+            {"worth": self._worth, "hopeful": self._is_hopeful, "follows": self._follows}
+            if self.fitted.misfit
+            else {}
+        )
         cause, found = accept(
             self.current, best, rivals, self._asked, len(self.candidates),
             in_vain=in_vain, has_room=self._has_room, **worth,
@@ -281,6 +285,14 @@ class SearchState:
             return -np.inf
         return self.fitted.explained(np.asarray(s.columns), s.estimate)
 
+    def _is_hopeful(self, s: Score) -> bool:
+        """Whether a candidate takes most of the errors away, in stated noise, where misfit is counted."""
+        if not (self.fitted.misfit and s.freedom and s.ratio > 0.0):
+            return False
+        run = self.current.run
+        left = np.where(run.used, run.normalised, 0.0) * self.fitted.factors
+        return self._worth(s) > 0.5 * float((left**2).sum())
+
     def _follows(self, found: MapFit) -> bool:
         """Whether a fit goes on to the noise as stated, where misfit is counted."""
         exact = replace(self.fitted, fit=found).stated
@@ -295,6 +307,8 @@ class SearchState:
         least = self._asked.beside * max((c.ratio for c in self.causes), default=0.0)
         asked = [s for s in self.scores if self._has_room(s.candidate)]
         best = next((s for s in asked if s.ratio > least and self._counts(s)), None)
+        if best is None:  # in noise as large as itself it counts for nothing
+            best = next((s for s in asked if self._is_hopeful(s)), None)
         if best is None:
             return []
         few = self.levels.contenders

@@ -56,6 +56,7 @@ def accept(
     tried: int,
     worth: Callable[[Score], float] = lambda s: s.ratio,
     follows: Callable[[MapFit], bool] = lambda found: False,
+    hopeful: Callable[[Score], bool] = lambda s: False,
     in_vain: set[tuple[str, str, str]] | None = None,
     has_room: Callable[[Candidate], bool] = lambda candidate: True,
 ) -> tuple[Cause | None, MapFit]:
@@ -63,9 +64,9 @@ def accept(
 
     ``tried`` is the number of candidates, which chances are corrected for; contenders are ``worth`` nearly as
     much as the best, and causes that the search ``has_room`` for. What the winner explains is no chance where
-    the model ``follows`` with it, as it did not without. Without a winner the fit is ``current``, or a better
-    one without the candidates that their refits led to; the keys of those that are by chance are put
-    ``in_vain``: beside this fit they would be again.
+    the model ``follows`` with it, as it did not without; that is asked where it is ``hopeful``. Without a
+    winner the fit is ``current``, or a better one without the candidates that their refits led to; the keys
+    of those that are by chance are put ``in_vain``: beside this fit they would be again.
     """
     samples, in_vain = current.run.samples, set() if in_vain is None else in_vain
     rivals = [s for s in scores if s.candidate.key != best.candidate.key]
@@ -96,7 +97,7 @@ def accept(
         price = cost(current, s, found)
         if nothing[id(s)] > levels.candidate:
             LOGGER.info("%s is nothing by a chance of %.3g", s.candidate.key, nothing[id(s)])
-            followed = s is best and follows(found)
+            followed = s is best and hopeful(s) and follows(found)
             if not followed:  # it ran away
                 continue
             fitted, leader = [(-2.0 * found.objective - price, s, found.objective)], found
@@ -120,8 +121,8 @@ def accept(
             sure = max(sure, s.chance_of(nothing[id(s)]))
         return sure * tried > levels.candidate
 
-    followed = followed or (ratio > THRESHOLDS.linear and is_chance(winner, ratio) and follows(found))
-    if is_chance(winner, ratio) and not followed:
+    chance = is_chance(winner, ratio) and not followed
+    if chance and not ((ratio > THRESHOLDS.linear or hopeful(winner)) and follows(found)):
         gains = [(s, 2.0 * (current.objective - objective)) for _, s, objective in fitted]
         in_vain.update(s.candidate.key for s, gained in gains if is_chance(s, gained))
         return None, current

@@ -108,8 +108,9 @@ def test_what_lets_the_model_follow_is_no_chance(monkeypatch, ratio, follows, na
     assert asked == ([found] if ratio > DetectionThresholds().linear else [])
 
 
+@pytest.mark.parametrize("hopeful", [True, False])
 @pytest.mark.parametrize("followed", ["best", "other", ""])
-def test_what_may_be_nothing_but_lets_the_model_follow_is_a_cause(monkeypatch, followed):
+def test_what_may_be_nothing_but_lets_the_model_follow_is_a_cause(monkeypatch, followed, hopeful):
     """An attitude's bias of 1.35 rad is hardly seen in noise as large as itself; with it all is followed.
 
     What comes behind is asked by its chance alone: a fit to the stated noise of each would take minutes.
@@ -131,9 +132,10 @@ def test_what_may_be_nothing_but_lets_the_model_follow_is_a_cause(monkeypatch, f
 
     current = SimpleNamespace(objective=20.0, run=run, unknowns=())
     levels = replace(DetectionThresholds(), linear=0.0)
-    cause, _ = accept(current, best, [best, other], levels, 122, follows=follows)
-    assert asked == [fits[best.candidate.key]]
-    assert (cause is not None) is (followed == "best")
+    hopes = {"hopeful": lambda s: hopeful, "follows": follows}
+    cause, _ = accept(current, best, [best, other], levels, 122, **hopes)
+    assert asked == [fits[best.candidate.key]] * hopeful
+    assert (cause is not None) is (hopeful and followed == "best")
 
 
 def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypatch):

@@ -100,7 +100,8 @@ def search_torques(
                 break
             coupled = True
             continue
-        if not (predicts(current, best) and acts_on_all(current, best, simple, LEVELS.candidate / tried)):
+        # of the one candidate that was chosen among all, its second joint is asked alone
+        if not (predicts(current, best) and acts_on_all(current, best, simple, LEVELS.candidate)):
             LOGGER.info("%s does not hold everywhere", best.candidate.key)
             refused.add(id(best.candidate))
             continue

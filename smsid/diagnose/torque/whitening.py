@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_toeplitz, solve_triangular, toeplitz
+from scipy.linalg import solve_toeplitz
 from scipy.stats import chi2, f
 
 from smsid.arm.near_rest import variance_ratio
@@ -20,8 +20,8 @@ from smsid.diagnose.thresholds import THRESHOLDS
 
 CLUSTERS = THRESHOLDS.torque_stretches
 
-SPECTRUM = 4096
-"""Frequencies that an autoregression's covariances are made of."""
+MOST_ROUNDS, SETTLED = 60, 0.003
+"""Of expectation and maximisation, and the change of the spectrum's logarithm that ends them."""
 
 LEAST = 1e-12
 """Least standard deviation of an innovation [N m | N]: of a joint whose torque is nothing at all."""
@@ -54,74 +54,72 @@ class Whitening:
         sigma = self.sigma * np.where(near[p:], self.larger_near_rest, 1.0)
         return out / sigma.reshape(*sigma.shape, *shape[2:])
 
-    def apply_throughout(self, values: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """Return values (n, joints, ...) whitened, the first samples as noise that lasts begins: as many."""
-        p = self.order
-        if p == 0:
-            return self.apply(values, near)
-        first = np.empty_like(values[:p], dtype=float)
-        for j, own in enumerate(self.coefficients):
-            power = 1.0 / np.abs(np.fft.rfft(np.append(1.0, -own), SPECTRUM)) ** 2
-            root = cholesky(toeplitz(np.fft.irfft(power)[:p]), lower=True) * self.sigma[j]
-            first[:, j] = np.tensordot(solve_triangular(root, np.eye(p), lower=True), values[:p, j], 1)
-        return np.concatenate([first, self.apply(values, near)])
-
     @property
     def slow(self) -> np.ndarray:
         """Standard deviation of the slowest noise (joints,), as of white noise with its power [N m | N]."""
         return self.sigma / np.maximum(np.abs(1.0 - self.coefficients.sum(axis=1)), LEAST)
 
-    def only(self, j: slice) -> Whitening:
-        """Return that of some of the joints."""
-        larger = np.broadcast_to(self.larger_near_rest, self.sigma.shape)
-        return Whitening(self.coefficients[j], self.sigma[j], larger[j])
-
     @classmethod
     def of(
-        cls, residual: np.ndarray, spread: Sequence[np.ndarray], floor: np.ndarray, near: np.ndarray
+        cls, residual: np.ndarray, taken: Sequence[np.ndarray], floor: np.ndarray, near: np.ndarray
     ) -> Whitening:
-        """Return the whitening of errors (n, joints) known but for independent ones, ``spread`` of each joint
-        (n, k): what a fit may have taken.
+        """Return the whitening of residuals (n, joints) of a fit that has taken directions (n, k) of every
+        joint's errors.
 
         Orders by Bayes's criterion; innovations are no less than ``floor`` (joints,). Errors may be larger
         where joints are near rest, ``near`` (n, joints).
         """
         n, joints = residual.shape
         most = min(MOST_ORDER, max(n // 20, 0))
-        every = [np.column_stack([residual[:, j], spread[j]]) for j in range(joints)]
-        coefficients = np.array([_autoregression(x, most) for x in every])
-        there, plain = near[most:], cls(coefficients, np.ones(joints))
-        squares = np.column_stack(
-            [
-                (plain.only(slice(j, j + 1)).apply(x[:, None], near[:, [j]]) ** 2).sum(axis=2)
-                for j, x in enumerate(every)
-            ]
-        )
+        coefficients = np.array([_autoregression(residual[:, j], taken[j], most) for j in range(joints)])
+        squares = cls(coefficients, np.ones(joints)).apply(residual, near) ** 2
+        squares /= np.maximum(1.0 - np.array([share_taken(u) for u in taken]), 0.25)
+        there = near[most:]
         squares += floor**2 + LEAST**2
         larger = variance_ratio(squares, there)
         variance = np.mean(squares / np.where(there, larger, 1.0), axis=0)
         return cls(coefficients, np.sqrt(variance), np.sqrt(larger))
 
 
-def _autoregression(x: np.ndarray, most: int) -> np.ndarray:
-    """Return coefficients (most,) of the autoregression of independent series (n, k), whose squares add up,
-    that Bayes's criterion prefers; the first is that of the sample before.
+def share_taken(directions: np.ndarray) -> float:
+    """Return which share of white errors (n,) a fit has taken by its directions (n, k)."""
+    return float((directions**2).sum()) / len(directions)
 
-    Of their products over all samples (Yule and Walker): it is always one of a noise that lasts, as the
-    likelihood of all but the first samples is not where the slowest directions are not known.
+
+def _autoregression(residual: np.ndarray, taken: np.ndarray, most: int) -> np.ndarray:
+    """Return coefficients (most,) of the autoregression, by Bayes's criterion, of errors of which a residual
+    (n,) is left; the first is that of the sample before.
+
+    By their spectrum, which at every frequency is what is left and what such noise has where a fit has taken
+    it (expectation and maximisation, from white noise on).
     """
-    n, out = len(x), np.zeros(most)
-    products = np.array([np.vdot(x[lag:], x[: n - lag]) for lag in range(most + 1)]) / n
-    if not products[0] > 0.0:
-        return out
-    least = n * np.log(products[0])
+    n = len(residual)
+    power = np.abs(np.fft.rfft(residual)) ** 2 / n
+    share = np.sum(np.abs(np.fft.rfft(taken, axis=0)) ** 2, axis=1) / n
+    spectrum = np.full(len(power), power.sum() / max(float((1.0 - share).sum()), 1.0))
+    found = np.zeros(most)
+    for _ in range(MOST_ROUNDS if most and np.any(residual) else 0):
+        found, variance = _yule_walker(np.fft.irfft(power + share * spectrum, n), n, most)
+        before = spectrum
+        spectrum = variance / np.abs(np.fft.rfft(np.append(1.0, -found), n)) ** 2
+        if np.abs(np.log(spectrum / before)).max() < SETTLED:
+            break
+    return found
+
+
+def _yule_walker(covariances: np.ndarray, samples: int, most: int) -> tuple[np.ndarray, float]:
+    """Return coefficients (most,) of the autoregression of noise with covariances at lags from zero up, and
+    the variance of its innovations; of the order, at most that, which Bayes's criterion prefers.
+    """
+    out, innovations = np.zeros(most), float(covariances[0])
+    least = samples * np.log(innovations)
     for order in range(1, most + 1):
-        found = solve_toeplitz(products[:order], products[1 : order + 1])
-        variance = max(float(products[0] - found @ products[1 : order + 1]), 1e-300)
-        value = n * np.log(variance) + order * np.log(n)
+        found = solve_toeplitz(covariances[:order], covariances[1 : order + 1])
+        variance = max(float(covariances[0] - found @ covariances[1 : order + 1]), 1e-300)
+        value = samples * np.log(variance) + order * np.log(samples)
         if value < least:
-            out, least = np.append(found, np.zeros(most - order)), value
-    return out
+            out, innovations, least = np.append(found, np.zeros(most - order)), variance, value
+    return out, innovations
 
 
 def robust_p_value(basis: np.ndarray, residual: np.ndarray, ratio: float, samples: int) -> float:
