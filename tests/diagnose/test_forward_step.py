@@ -157,6 +157,24 @@ def test_where_misfit_is_counted_what_takes_most_of_the_errors_away_comes_first(
     assert asked.accepted == [VAIN]  # the one of largest odds
 
 
+@pytest.mark.parametrize(
+    ("share", "misfit", "asked_for"), [(0.6, True, [OTHER]), (0.4, True, []), (0.6, False, [])]
+)
+def test_what_counts_for_nothing_in_raised_noise_but_takes_most_of_the_errors_is_tried(
+    world, share, misfit, asked_for
+):
+    """A gyro's bias of 1.5 mrad/s, alone off in noise as large as itself: nothing was asked at all."""
+    state, asked = world
+    asked.chances = dict.fromkeys((FOUND, OTHER, VAIN), 1.0)
+    asked.takes = {OTHER: share * 400.0 * 50.0}  # 50 errors of twice their level, which is 10 times the noise
+    used = np.ones((50, 1), dtype=bool)
+    state.fitted.fit.run.used, state.fitted.fit.run.normalised = used, 2.0 * used
+    state.fitted = replace(state.fitted, misfit=misfit, factors=np.array([10.0]))
+    state._score_anew()
+    state.forward_step()
+    assert asked.accepted == asked_for
+
+
 def test_with_finer_noise_a_cause_is_weighed_and_all_is_scored_and_tried_anew(world):
     state, asked = world
     assert state.forward_step() and not state.causes  # in vain

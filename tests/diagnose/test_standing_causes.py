@@ -39,7 +39,10 @@ def stands(monkeypatch):
     ``nothing`` where one may as well be none.
     """
 
-    def judge(*named, unknown="panel", ratio=90.0, misfit=True, followed=0.8, left="", nothing=""):
+    def judge(
+        *named, unknown="panel", ratio=90.0, misfit=True, followed=0.8, left="", nothing="", quieter=None
+    ):
+        likeliest = REST if quieter is None else SimpleNamespace(problem=SimpleNamespace(coloured=True))
         found = SimpleNamespace(
             misfit=misfit, candidates=100, levels=DetectionThresholds(), followed=followed,
             causes=tuple(cause(c.family, c.location) for c in named), last=BENT, nominal=None, failed=(),
@@ -50,9 +53,11 @@ def stands(monkeypatch):
                 REST,
                 {f"equation of {unknown}": unknown},
             ),
-            "chance_of_nothing": lambda *_: chi2.sf(ratio, 1),
+            "chance_of_nothing": lambda fit, *_: chi2.sf(
+                ratio if quieter is None or fit is not likeliest else quieter, 1
+            ),
             "without_cause": lambda *_: None,
-            "fit_noise_of_unknown_inputs": lambda rest: rest,
+            "fit_noise_of_unknown_inputs": lambda rest: likeliest,
             "each_may_be_zero": lambda _, candidate: candidate.location == nothing,
             "own_component_left": lambda _, c: left if c.score.candidate.location == "joint2" else "",
             "replace": lambda found, **new: SimpleNamespace(**{**vars(found), **new}),
@@ -64,7 +69,7 @@ def stands(monkeypatch):
         by, out = find_standing_causes(found, named)
         elsewhere = [o for o in out if o is not None and o.location != unknown]
         assert [unknown in note for note in by.failed] == [True] * bool(elsewhere)
-        assert by.last is REST and len(by.causes) == len(elsewhere)
+        assert by.last is likeliest and len(by.causes) == len(elsewhere)
         assert by.bent == [*by.causes]  # of no others are profiles followed
         assert all(o.parameters[0].value == 2e-3 for o in elsewhere)
         return tuple(o is not None for o in out)
@@ -86,6 +91,14 @@ def test_a_cause_stands_where_it_is_needed_with_the_rest_unknown(stands, misfit,
     """Never at the place that is unknown, whatever its statistic."""
     named = [told(*BIAS), told(*DRAG), told(*PANEL)]
     assert stands(*named, unknown=unknown, ratio=ratio, misfit=misfit) == expected
+
+
+@pytest.mark.parametrize(("quieter", "expected"), [(90.0, (True, True)), (9.0, (False, False))])
+def test_a_cause_is_needed_with_what_its_size_is_told_by(stands, quieter, expected):
+    """An encoder's bias of three standard deviations stood beside a random torque: with the noise that hides
+    all of the torque it seemed to be needed.
+    """
+    assert stands(told(*BIAS), told(*DRAG), misfit=False, quieter=quieter) == expected
 
 
 def test_what_may_as_well_be_nothing_does_not_stand(stands):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import f
@@ -116,7 +117,9 @@ def search_torques(
         if best.candidate.shape == "stribeck":  # one curve a joint
             rest = [c for c in rest if c.key != best.candidate.key]
         causes, current = _refit_causes(current, causes, recording)
-        causes, current = _backward_elimination(causes, current, recording, tried)
+        causes, current = _backward_elimination(causes, current, recording, partial(_chance, tried=tried))
+    told = partial(_chance_beside_all, tried=tried)  # with the p-value that a cause is told with
+    causes, current = _backward_elimination(causes, current, recording, told)
     scores = score_candidates(current, rest)
     causes = [c if c.term.candidate.moves else _beside_all(current, causes, c, candidates) for c in causes]
     values = refit_as_identification(current)
@@ -222,11 +225,11 @@ def _backward_elimination(
     causes: list[TorqueCause],
     current: TorqueFit,
     recording: Recording | Sequence[Recording],
-    tried: int,
+    chance: Callable[[TorqueFit, TorqueCause, Sequence[TorqueCause]], float],
 ) -> tuple[list[TorqueCause], TorqueFit]:
-    """Leave out, one by one, causes that the others made unnecessary."""
+    """Leave out, one by one, causes that the others made unnecessary, by the ``chance`` of one beside all."""
     while causes:
-        chances = [_chance(current, cause, tried) for cause in causes]
+        chances = [chance(current, cause, causes) for cause in causes]
         worst = int(np.argmax(chances))
         if chances[worst] <= LEVELS.candidate:
             break
@@ -254,7 +257,21 @@ def _moved_back(
     return torque_equations(description, recording, cutoff=cutoff, band=band, late=late)
 
 
-def _chance(current: TorqueFit, cause: TorqueCause, tried: int) -> float:
+def _chance_beside_all(
+    current: TorqueFit, cause: TorqueCause, causes: Sequence[TorqueCause], *, tried: int
+) -> float:
+    """Corrected p-value of the score of a cause beside all others; nothing of one that moves the equations,
+    which have it in them.
+    """
+    if cause.term.candidate.moves:
+        return 0.0
+    own = score(current.without([c.term for c in causes if c is not cause]), cause.term.candidate)
+    return 1.0 if own is None else own.p_value * tried
+
+
+def _chance(
+    current: TorqueFit, cause: TorqueCause, causes: Sequence[TorqueCause] = (), *, tried: int
+) -> float:
     """Corrected p-value of a cause beside all others, after Wald; 1 where Bayes's criterion loses.
 
     What moves the equations counts by how far they were moved.
