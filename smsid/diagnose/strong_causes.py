@@ -132,9 +132,10 @@ def _linear_starts(
     """Yield candidates, those that explain most, with points at which they are as strong as to first order.
 
     Nobody can state how strong a strong one is of what acts with its size (a force from outside, a bias), and
-    a model that may err is linear about nearly the motion that was measured.
+    a model that may err is linear about nearly the motion that was measured. Of what has values that are
+    strong (a motor that turns the other way), some between these may be as strong for this recording.
     """
-    sized = [c for c in candidates if c.effect is not None and not c.effect.strong]
+    sized = [c for c in candidates if c.effect is not None]
     try:
         loose = evaluate(point, unknowns, loosen_model(point.model(), at_point(point, problem), SHARES[0]))
         known = signatures(loose, sized)
@@ -142,7 +143,10 @@ def _linear_starts(
     except (SmsidError, np.linalg.LinAlgError) as error:
         LOGGER.info("nothing is known to first order: %s", error)
         return
-    for s in sorted((s for s in scores if s.freedom), key=lambda s: -s.ratio)[:LIKELY]:
+    scores = sorted((s for s in scores if s.freedom), key=lambda s: -s.ratio)
+    stated = [s for s in scores if s.candidate.effect and s.candidate.effect.strong]
+    others = [s for s in scores if s.candidate.effect and not s.candidate.effect.strong]
+    for s in (*others[:LIKELY], *stated[:LIKELY]):
         c = s.candidate
         try:
             size = s.estimate * np.array(c.steps)
