@@ -291,7 +291,7 @@ class SearchState:
             return False
         run = self.current.run
         left = np.where(run.used, run.normalised, 0.0) * self.fitted.factors
-        return self._worth(s) > 0.5 * float((left**2).sum())
+        return self._worth(s) > THRESHOLDS.hopeful * float((left**2).sum())
 
     def _follows(self, found: MapFit) -> bool:
         """Whether a fit goes on to the noise as stated, where misfit is counted."""

@@ -27,7 +27,6 @@ LOGGER = logging.getLogger(__name__)
 LOOSE = ProcessNoise(force=0.1, torque=0.1, joint=0.1, wheel=1e-3)
 MISFIT = THRESHOLDS.misfit
 FOLLOWED = THRESHOLDS.followed
-CLOSER = 0.5  # of what was left two steps before, by which a fit that goes on comes down at least
 LEVELLED = 15  # times at most that levels and fit are brought together; five to ten are common
 FEW = THRESHOLDS.noise_told
 SHARES = (1.0, 0.1, 0.01, 1e-3)  # process noise, as a share of what drives the motion
@@ -210,7 +209,7 @@ def fit_to_stated_noise(point: Point, unknowns: Sequence[Unknown], problem: Prob
     """
     try:
         found, before = fit(point, unknowns, problem, iterations=2), np.inf
-        while MISFIT < normalised_rmse(found.run) < CLOSER * before:
+        while MISFIT < normalised_rmse(found.run) < THRESHOLDS.closer * before:
             before = normalised_rmse(found.run)
             found = fit(found.point, unknowns, problem, iterations=2)
         if normalised_rmse(found.run) > MISFIT:

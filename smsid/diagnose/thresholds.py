@@ -69,6 +69,12 @@ class DetectionThresholds:
         4.0, SIGMAS, "of 0.3 m, beyond which a start in motion is believed before a search", "one recording"
     )
     alone: float = _row(0.5, "of the squares", "of errors, that go with a channel that strays by itself")
+    hopeful: float = _row(
+        0.5, "of the squares", "a candidate takes, in stated noise: does the rest follow with it?"
+    )
+    closer: float = _row(
+        0.5, "of the noise left", "two steps before, to which a fit comes that goes on to the noise"
+    )
     noise_told: int = _row(50, "samples", "below which a component says nothing of its noise")
     spectrum: int = _row(8, "segments", "of the spectrum that misfit is read from", "simulated errors")
     peeled: int = _row(3, "1", "equations and channels at most that are taken as unknown")
