@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from smsid.diagnose.torque.noise import fit_all_joints, fit_each_joint
-from smsid.diagnose.torque.whitening import Whitening, share_taken
+from smsid.diagnose.torque.whitening import Whitening, _autoregression, share_taken
 
 N, TAKEN = 200, 30
 SLOW = np.cos(np.pi * np.arange(TAKEN) * (np.arange(N)[:, None] + 0.5) / N)
@@ -57,3 +57,24 @@ def test_parameters_common_to_all_joints_take_as_many_instants_as_they_are():
     direct = np.linalg.lstsq((design / [[[0.1], [1.0], [5.0]]]).reshape(150, 8),
                              ((design @ x + noise) / [0.1, 1.0, 5.0]).ravel(), rcond=None)[0]  # fmt: skip
     assert left == pytest.approx(design @ x + noise - design @ direct, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("poles", "n"), [((0.97, 0.95), 300), ((0.97, 0.95), 3000), ((0.9, 0.9, 0.9, 0.9), 600)]
+)
+def test_noise_of_a_steep_spectrum_is_whitened(poles, n):
+    """Its slow part, a thousand times the fast one, leaks into covariances that wrap around."""
+    rng, memory = np.random.default_rng(1), -np.poly(poles)[1:]
+    noise = lfilter([1.0], [1.0, *-memory], rng.standard_normal(n + 500))[500:]
+    found = learnt(noise[:, None], [np.zeros((n, 0))])
+    white = found.apply(noise[:, None], np.zeros((n, 1), dtype=bool))[:, 0]
+    assert found.sigma[0] == pytest.approx(1.0, rel=0.15)
+    assert abs(np.mean(white[1:] * white[:-1])) < 4.0 / np.sqrt(n)
+
+
+@pytest.mark.parametrize("n", [25, 200])
+def test_what_is_no_noise_at_all_is_learnt_too(n):
+    """A constant, a wave and what rounding leaves: of a joint on which nothing but a constant acts."""
+    k = np.arange(n)
+    for left in (np.ones(n), (-1.0) ** k, np.sin(2 * np.pi * k / 25), np.full(n, 1e-170), np.zeros(n)):
+        assert np.isfinite(_autoregression(left, np.full((n, 1), 1.0 / np.sqrt(n)), min(6, n // 20))).all()

@@ -85,6 +85,8 @@ def search_torques(
         RecordingError: as `torque_equations`.
     """
     simple = [c for c in candidates if c.shape in SIMPLE]
+    # any pair may be asked after the ones before; a sum and a difference ask the same of its second joint
+    pairs = max(1, len({frozenset(c.joints) for c in candidates if len(c.joints) > 1}))
     # laws that come after simpler ones are spanned by those well enough, and each column takes noise away
     whitening = learn_noise(equations, [c for c in candidates if not c.simpler])
     nominal = current = fit_torques(equations, prior, (), whitening)
@@ -101,8 +103,7 @@ def search_torques(
                 break
             coupled = True
             continue
-        # of the one candidate that was chosen among all, its second joint is asked alone
-        if not (predicts(current, best) and acts_on_all(current, best, simple, LEVELS.candidate)):
+        if not (predicts(current, best) and acts_on_all(current, best, simple, LEVELS.candidate / pairs)):
             LOGGER.info("%s does not hold everywhere", best.candidate.key)
             refused.add(id(best.candidate))
             continue

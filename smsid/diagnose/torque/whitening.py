@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+from scipy.linalg import toeplitz
 from scipy.stats import chi2, f
 
 from smsid.arm.near_rest import variance_ratio
@@ -22,6 +22,9 @@ CLUSTERS = THRESHOLDS.torque_stretches
 
 MOST_ROUNDS, SETTLED = 60, 0.003
 """Of expectation and maximisation, and the change of the spectrum's logarithm that ends them."""
+
+ROUNDED = 1e-10
+"""Share of noise's variance, left by its past, that is rounding."""
 
 LEAST = 1e-12
 """Least standard deviation of an innovation [N m | N]: of a joint whose torque is nothing at all."""
@@ -90,32 +93,40 @@ def _autoregression(residual: np.ndarray, taken: np.ndarray, most: int) -> np.nd
     """Return coefficients (most,) of the autoregression, by Bayes's criterion, of errors of which a residual
     (n,) is left; the first is that of the sample before.
 
-    By their spectrum, which at every frequency is what is left and what such noise has where a fit has taken
-    it (expectation and maximisation, from white noise on).
+    By least squares on what is left, to which at every frequency is added what such noise has where a fit has
+    taken it: about expectation and maximisation, from white noise on (exactly, of directions that are waves).
     """
-    n = len(residual)
-    power = np.abs(np.fft.rfft(residual)) ** 2 / n
+    n, found = len(residual), np.zeros(most)
+    if most == 0 or not residual @ residual > 0.0:
+        return found
+    late = np.stack([residual[most - k : n - k] for k in range(most + 1)])
+    products = late @ late.T / (n - most)
     share = np.sum(np.abs(np.fft.rfft(taken, axis=0)) ** 2, axis=1) / n
-    spectrum = np.full(len(power), power.sum() / max(float((1.0 - share).sum()), 1.0))
-    found = np.zeros(most)
-    for _ in range(MOST_ROUNDS if most and np.any(residual) else 0):
-        found, variance = _yule_walker(np.fft.irfft(power + share * spectrum, n), n, most)
+    white = float(residual @ residual) / max(n * (1.0 - share_taken(taken)), 1.0)
+    spectrum = np.full(len(share), white)
+    for _ in range(MOST_ROUNDS):
+        lost = np.fft.irfft(share * spectrum, n)[: most + 1]
+        found, variance = _of_products(products + toeplitz(lost), n)
         before = spectrum
         spectrum = variance / np.abs(np.fft.rfft(np.append(1.0, -found), n)) ** 2
-        if np.abs(np.log(spectrum / before)).max() < SETTLED:
+        if not np.isfinite(spectrum).all() or np.abs(np.log(spectrum / before)).max() < SETTLED:
             break
     return found
 
 
-def _yule_walker(covariances: np.ndarray, samples: int, most: int) -> tuple[np.ndarray, float]:
-    """Return coefficients (most,) of the autoregression of noise with covariances at lags from zero up, and
-    the variance of its innovations; of the order, at most that, which Bayes's criterion prefers.
+def _of_products(products: np.ndarray, samples: int) -> tuple[np.ndarray, float]:
+    """Return coefficients (most,) of the autoregression of noise with products (most + 1, most + 1) of its
+    samples and those before, and the variance of its innovations; of the order that Bayes's criterion has.
     """
-    out, innovations = np.zeros(most), float(covariances[0])
-    least = samples * np.log(innovations)
+    most, whole = len(products) - 1, float(products[0, 0])
+    out, innovations = np.zeros(most), whole
+    least = samples * np.log(whole)
     for order in range(1, most + 1):
-        found = solve_toeplitz(covariances[:order], covariances[1 : order + 1])
-        variance = max(float(covariances[0] - found @ covariances[1 : order + 1]), 1e-300)
+        past = slice(1, order + 1)
+        found = np.linalg.lstsq(products[past, past], products[past, 0], rcond=None)[0]
+        variance = float(products[0, 0] - found @ products[past, 0])
+        if not variance > ROUNDED * whole:  # it is told by its past but for rounding
+            break
         value = samples * np.log(variance) + order * np.log(samples)
         if value < least:
             out, innovations, least = np.append(found, np.zeros(most - order)), variance, value
