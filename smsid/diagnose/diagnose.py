@@ -213,12 +213,10 @@ def _diagnose(
             found = searched(problem, found.nominal.point, found)
     problem = with_timing_of(problem, found.last.problem)  # a search may have found it out
     white = of_white_components(wild, {t.where for t in found.left if t.dependence == PAST})
+    if not found.left:  # else only what stands is told as a cause
+        found = with_profile_intervals(found)
     seen, every = tuple(_fault(f, problem) for f in _per_channel([*before, *white])), causes(found)
     decided, sentence = verdict(found, (*seen, *every))
-    if decided == "explained":  # else only what stands is told as a cause
-        found = with_profile_intervals(found)
-        every = causes(found)
-        decided, sentence = verdict(found, (*seen, *every))
     named, partial, by, hints = every, (), found, []
     if decided == "unexplained" or found.misfit:
         # what explains a part only is a hint: a cause outside the catalogue looks like several within

@@ -89,6 +89,7 @@ class SearchState:
             self.normalised_rmse = normalised_rmse(nominal.run)
         self.failed: list[str] = []
         self._restarts = 0
+        self._alone: tuple[MapFit, bool] | None = None  # a fit, and whether it follows to the noise as stated
         # whether the noise is finer now than when the last cause was chosen
         self._finer = bool(known)
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
@@ -289,14 +290,18 @@ class SearchState:
         """Whether a candidate takes most of the errors away, in stated noise, where misfit is counted."""
         if not (self.fitted.misfit and s.freedom and s.ratio > 0.0):
             return False
-        run = self.current.run
-        left = np.where(run.used, run.normalised, 0.0) * self.fitted.factors
-        return self._worth(s) > THRESHOLDS.hopeful * float((left**2).sum())
+        return self._worth(s) > THRESHOLDS.hopeful * self.fitted.left
 
     def _follows(self, found: MapFit) -> bool:
-        """Whether a fit goes on to the noise as stated, where misfit is counted."""
-        exact = replace(self.fitted, fit=found).stated
-        return fit_to_stated_noise(found.point, found.unknowns, exact) is not None
+        """Whether a fit goes on to the noise as stated, where misfit is counted, as the last one does not."""
+
+        def follows(fit: MapFit) -> bool:
+            exact = replace(self.fitted, fit=fit).stated
+            return fit_to_stated_noise(fit.point, fit.unknowns, exact) is not None
+
+        if self._alone is None or self._alone[0] is not self.current:
+            self._alone = self.current, follows(self.current)
+        return not self._alone[1] and follows(found)
 
     def _counts(self, s: Score) -> bool:
         """Whether there is something; odds order what counts, they do not decide."""

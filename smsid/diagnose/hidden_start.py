@@ -133,6 +133,8 @@ def _fitted_about_rest(found: MapFit, problem: Problem, at_most: float = np.inf)
     for _ in range(LOOKS):
         begun = _about_rest(found.point, problem)
         found = fit(found.point, found.unknowns, begun, iterations=STEPS, at_most=at_most)
+        if found.objective > at_most:
+            break
     return found
 
 

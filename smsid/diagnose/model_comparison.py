@@ -64,9 +64,10 @@ def accept(
 
     ``tried`` is the number of candidates, which chances are corrected for; contenders are ``worth`` nearly as
     much as the best, and causes that the search ``has_room`` for. What the winner explains is no chance where
-    the model ``follows`` with it, as it did not without; that is asked where it is ``hopeful``. Without a
-    winner the fit is ``current``, or a better one without the candidates that their refits led to; the keys
-    of those that are by chance are put ``in_vain``: beside this fit they would be again.
+    the model ``follows`` with it, as it did not without; that is asked of the best where it is ``hopeful``,
+    and of a winner that gains much. Without a winner the fit is ``current``, or a better one without the
+    candidates that their refits led to; the keys of those that are by chance are put ``in_vain``: beside this
+    fit they would be again.
     """
     samples, in_vain = current.run.samples, set() if in_vain is None else in_vain
     rivals = [s for s in scores if s.candidate.key != best.candidate.key]
@@ -84,6 +85,7 @@ def accept(
     fitted: list[tuple[float, Score, float]] = []  # criterion and objective; of fits the best alone is kept
     leader, at_most, followed = current, np.inf, False
     nothing: dict[int, float] = {}
+    unasked = set[tuple[str, str, str]]()  # they may be the best of the next round
     for s in contenders:
         found = refit(current, s, at_most)
         if found is None:
@@ -99,7 +101,9 @@ def accept(
             LOGGER.info("%s is nothing by a chance of %.3g", s.candidate.key, nothing[id(s)])
             followed = s is best and hopeful(s) and follows(found)
             if not followed:  # it ran away
+                unasked |= {s.candidate.key} if s is not best and hopeful(s) else set()
                 continue
+            contenders = [s]  # others are told from it by their scores alone
             fitted, leader = [(-2.0 * found.objective - price, s, found.objective)], found
             break
         if all(-2.0 * found.objective - price > value for value, *_ in fitted):
@@ -109,7 +113,7 @@ def accept(
         room = levels.alias + price + OUT_OF_REACH * ratio
         at_most = min(at_most, found.objective + 0.5 * room)
     if not fitted:
-        in_vain.update(s.candidate.key for s in contenders)
+        in_vain.update({s.candidate.key for s in contenders} - unasked)
         return None, current
     (value, winner, _), found = max(fitted, key=lambda x: x[0]), leader
     ratio = 2.0 * (current.objective - found.objective)
@@ -323,8 +327,7 @@ def refit(current: MapFit, s: Score, at_most: float = np.inf) -> MapFit | None:
             found = fit(
                 at, unknowns, current.problem, iterations=12, at_most=at_most, in_vain=absurd
             )  # fmt: skip
-            if found.objective < at_most and not absurd(found):
-                found = _fit_further_parameters(found, candidate)
+            found = _fit_further_parameters(found, candidate) if found.objective < at_most else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)
             continue

@@ -63,6 +63,12 @@ class InflatedFit:
         blocks = self.fit.problem.data.blocks
         return {b.channel: float(np.sqrt(np.mean(self.factors[b.rows] ** 2))) for b in blocks}
 
+    @property
+    def left(self) -> float:
+        """The sum of squared errors, in stated noise."""
+        left = self.fit.residual[: self.fit.run.innovations.size].reshape(-1, len(self.factors))
+        return float(self.factors**2 @ (left**2).sum(axis=0))
+
     def explained(self, columns: np.ndarray, estimate: np.ndarray) -> float:
         """Return by how much columns (N rows + priors, d) times their estimate (d,) lower the sum of squared
         errors in stated noise.
@@ -211,7 +217,7 @@ def fit_to_stated_noise(point: Point, unknowns: Sequence[Unknown], problem: Prob
         found, before = fit(point, unknowns, problem, iterations=2), np.inf
         while MISFIT < normalised_rmse(found.run) < THRESHOLDS.closer * before:
             before = normalised_rmse(found.run)
-            found = fit(found.point, unknowns, problem, iterations=2)
+            found = continue_fit(found, iterations=2)
         if normalised_rmse(found.run) > MISFIT:
             return None
         found = continue_fit(found, iterations=6)

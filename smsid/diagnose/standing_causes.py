@@ -65,17 +65,17 @@ def find_standing_causes(
         for cause, told, here in zip(found.causes, named, there, strict=True)
     ]
     if any(stand) and not found.misfit:
-        stand = _stand_otherwise(found, stand, lost)
+        stand = _stand_otherwise(found, stand, lost, likeliest)
     elsewhere = [yes and not here for yes, here in zip(stand, there, strict=True)]
     kept = tuple(c for c, yes in zip(found.causes, elsewhere, strict=True) if yes)
     unknown = f"taken as unknown where causes elsewhere are judged: {', '.join(lost)}"
-    bent = with_profile_intervals(replace(found, causes=kept)).bent
+    profiles = with_profile_intervals(replace(found, causes=kept))
     by = replace(
         found,
         last=likeliest,
         causes=kept,
-        failed=(*found.failed, unknown) if kept else found.failed,
-        bent=bent,
+        failed=(*profiles.failed, unknown) if kept else found.failed,
+        bent=profiles.bent,
     )
     values = iter(causes(by))
     own = [next(values) if yes else told for yes, told in zip(elsewhere, named, strict=True)]
@@ -142,9 +142,11 @@ def _is_needed(found: Search, cause: Cause, rest: MapFit) -> bool:
     return tried * chance_of_nothing(rest, own, less) < found.levels.further
 
 
-def _stand_otherwise(found: Search, stand: Sequence[bool], lost: Mapping[str, str]) -> list[bool]:
-    """Return which causes stand also where it is not what they leave that is taken as unknown, but what was
-    left without any, if that leaves nothing either.
+def _stand_otherwise(
+    found: Search, stand: Sequence[bool], lost: Mapping[str, str], likeliest: MapFit
+) -> list[bool]:
+    """Return which causes stand also where it is not what they leave that is taken as unknown (the
+    ``likeliest`` fit of that), but what was left without any, if that leaves nothing either and is likelier.
 
     Causes that stand in for a torque by chance at one joint leave little of it, and that at its neighbour.
     """
@@ -152,6 +154,9 @@ def _stand_otherwise(found: Search, stand: Sequence[bool], lost: Mapping[str, st
     if other is None or set(other[1]) <= set(lost):
         return list(stand)
     last, places = other
+    rival = fit_noise_of_unknown_inputs(last).run
+    if rival.samples != likeliest.run.samples or rival.log_likelihood < likeliest.run.log_likelihood:
+        return list(stand)  # of other readings, or worse
     LOGGER.info("nor is anything left without %s", places)
     return [
         yes

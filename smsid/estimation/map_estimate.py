@@ -268,7 +268,7 @@ def fit(
 
     ``enough`` is the gain of the log-posterior below which a step is the last; a fit that does not come
     to the objective ``at_most`` is given up early, and so is one that is ``in_vain`` where it is nearly at
-    rest. Raises `SimulationError` when the start itself cannot be filtered.
+    rest, and where it goes from there. Raises `SimulationError` when the start itself cannot be filtered.
     """
     start = evaluate(point, unknowns, problem)
     return continue_fit(start, iterations=iterations, enough=enough, at_most=at_most, in_vain=in_vain)
@@ -296,8 +296,10 @@ def continue_fit(
         if found.objective - hoped * gain > at_most:
             LOGGER.info("given up at %.2f: %.2f is out of reach", found.objective, at_most)
             break
-        if gain < NEARLY_AT_REST and in_vain is not None and in_vain(found):
-            break
+        if i and gain < NEARLY_AT_REST and in_vain is not None and in_vain(found):
+            ahead = replace(found, point=found.point.moved(unknowns, step * found.scales))
+            if in_vain(ahead):
+                break
         if gain < enough:
             last = found.point.moved(unknowns, step * found.scales)
             return _last_step(found, last, step, gain) if last.physical() else found

@@ -116,7 +116,7 @@ def test_what_may_be_nothing_but_lets_the_model_follow_is_a_cause(monkeypatch, f
     What comes behind is asked by its chance alone: a fit to the stated noise of each would take minutes.
     """
     run, asked = SimpleNamespace(samples=1000), []
-    best, other = score(40.0, 1), score(39.0, 1)
+    best, other = (replace(score(ratio, 1), columns=np.ones((5, 1))) for ratio in (40.0, 39.0))
     other = replace(other, candidate=replace(other.candidate, location="other"))
     fits = {
         s.candidate.key: SimpleNamespace(objective=0.0, run=run, unknowns=(), problem=Coloured(True))
@@ -133,9 +133,14 @@ def test_what_may_be_nothing_but_lets_the_model_follow_is_a_cause(monkeypatch, f
     current = SimpleNamespace(objective=20.0, run=run, unknowns=())
     levels = replace(DetectionThresholds(), linear=0.0)
     hopes = {"hopeful": lambda s: hopeful, "follows": follows}
-    cause, _ = accept(current, best, [best, other], levels, 122, **hopes)
+    in_vain = set()
+    cause, _ = accept(current, best, [best, other], levels, 122, in_vain=in_vain, **hopes)
     assert asked == [fits[best.candidate.key]] * hopeful
     assert (cause is not None) is (hopeful and followed == "best")
+    if cause is None:  # the other is asked when it is the best
+        assert in_vain == {best.candidate.key} | (set() if hopeful else {other.candidate.key})
+    else:  # it has the same columns
+        assert [s.candidate.key for s, _ in cause.aliases] == [other.candidate.key]
 
 
 def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypatch):

@@ -167,8 +167,7 @@ def test_what_counts_for_nothing_in_raised_noise_but_takes_most_of_the_errors_is
     state, asked = world
     asked.chances = dict.fromkeys((FOUND, OTHER, VAIN), 1.0)
     asked.takes = {OTHER: share * 400.0 * 50.0}  # 50 errors of twice their level, which is 10 times the noise
-    used = np.ones((50, 1), dtype=bool)
-    state.fitted.fit.run.used, state.fitted.fit.run.normalised = used, 2.0 * used
+    state.fitted.fit.run.innovations = state.fitted.fit.residual = np.full((50, 1), 2.0)
     state.fitted = replace(state.fitted, misfit=misfit, factors=np.array([10.0]))
     state._score_anew()
     state.forward_step()

@@ -247,12 +247,14 @@ def test_a_fit_to_the_noise_goes_on_while_it_comes_closer(monkeypatch, left, ste
     made, rows = [], SimpleNamespace(data=SimpleNamespace(rows=1))
 
     def two_steps(*_, iterations):
+        if iterations == 6:
+            return SimpleNamespace(run=1.0)
         made.append(iterations)
         return SimpleNamespace(run=left[len(made) - 1], point=None)
 
     monkeypatch.setattr(noise_covariance, "fit", two_steps)
     monkeypatch.setattr(noise_covariance, "normalised_rmse", lambda run: run)
-    monkeypatch.setattr(noise_covariance, "continue_fit", lambda found, iterations: SimpleNamespace(run=1.0))
+    monkeypatch.setattr(noise_covariance, "continue_fit", two_steps)
     monkeypatch.setattr(noise_covariance, "strays_by_row", lambda *_: np.ones(1))
     found = noise_covariance.fit_to_stated_noise(None, (), rows)
     assert (found is not None) is (steps == 3)

@@ -61,8 +61,8 @@ def stands(monkeypatch):
             "each_may_be_zero": lambda _, candidate: candidate.location == nothing,
             "own_component_left": lambda _, c: left if c.score.candidate.location == "joint2" else "",
             "replace": lambda found, **new: SimpleNamespace(**{**vars(found), **new}),
-            "_stand_otherwise": lambda found, stand, lost: stand,
-            "with_profile_intervals": lambda asked: SimpleNamespace(bent=[*asked.causes]),
+            "_stand_otherwise": lambda found, stand, lost, likeliest: stand,
+            "with_profile_intervals": lambda asked: SimpleNamespace(bent=[*asked.causes], failed=()),
             "causes": lambda by: tuple(own[c.score.candidate.location] for c in by.causes),
         }.items():
             monkeypatch.setattr(standing_causes, name, stub)
@@ -205,16 +205,23 @@ def test_what_may_as_well_be_nothing_by_its_profile_does_not_stand(low, high, of
 
 
 @pytest.mark.parametrize(
-    ("before", "followed", "needed", "expected"),
+    ("before", "followed", "likelier", "needed", "expected"),
     [
-        ("joint3", True, False, [False, False, False]),
-        ("joint3", True, True, [False, True, False]),  # a cause at joint3 is what is unknown there
-        ("joint3", False, False, [True, True, False]),  # something else is left then: it is no explanation
-        ("joint2", True, False, [True, True, False]),  # as is taken as unknown already
+        ("joint3", True, 5.0, False, [False, False, False]),
+        ("joint3", True, 5.0, True, [False, True, False]),  # a cause at joint3 is what is unknown there
+        ("joint3", True, -5.0, False, [True, True, False]),  # they explain more than that it is unknown
+        (
+            "joint3",
+            False,
+            5.0,
+            False,
+            [True, True, False],
+        ),  # something else is left then: it explains nothing
+        ("joint2", True, 5.0, False, [True, True, False]),  # as is taken as unknown already
     ],
 )
 def test_what_is_not_needed_where_another_equation_is_unknown_does_not_stand(
-    monkeypatch, before, followed, needed, expected
+    monkeypatch, before, followed, likelier, needed, expected
 ):
     """A random torque at joint3 was three causes there and in a tank, which left a little at joint2."""
     asked = []
@@ -231,10 +238,12 @@ def test_what_is_not_needed_where_another_equation_is_unknown_does_not_stand(
 
     monkeypatch.setattr(standing_causes, "_rest_unknown", rest)
     monkeypatch.setattr(standing_causes, "_is_needed", lambda found, c, last: needed and last is REST)
+    rival, likeliest = (
+        SimpleNamespace(run=SimpleNamespace(samples=9, log_likelihood=x)) for x in (likelier, 0.0)
+    )
+    monkeypatch.setattr(standing_causes, "fit_noise_of_unknown_inputs", lambda last: rival)
     causes = tuple(cause(family, at) for family, at in (("friction", "joint3"), BIAS, DRAG))
     found = Found("after", "before", causes)
-    assert (
-        standing_causes._stand_otherwise(found, [True, True, False], {"torque of joint2": "joint2"})
-        == expected
-    )
+    unknown = {"torque of joint2": "joint2"}
+    assert standing_causes._stand_otherwise(found, [True, True, False], unknown, likeliest) == expected
     assert asked == [("before", 1)]

@@ -14,6 +14,7 @@ from smsid.diagnose.torque.whitening import robust_p_value
 
 ROUNDING = 1e-11
 FOLDS = 4
+ALIKE = 0.5  # of what both joints of a coupling say, that each says at least
 
 
 @dataclass(frozen=True)
@@ -110,8 +111,9 @@ def predicts(current: TorqueFit, s: TorqueScore) -> bool:
 def acts_on_all(current: TorqueFit, s: TorqueScore, simple: Sequence[TorqueCandidate], level: float) -> bool:
     """Whether a coupling shows in the equation of each of its joints by itself, at a level of significance.
 
-    A motor that turns with two joints is felt by both alike; what one joint's torque has in common with
-    another's rate for any other reason shows in one equation only.
+    A motor that turns with two joints is felt by both alike, between half and twice as much as both together
+    say; what one joint's torque has in common with another's rate for any other reason shows in one equation,
+    and hardly in the other.
     """
     if len(s.candidate.joints) < 2:
         return True
@@ -128,7 +130,8 @@ def acts_on_all(current: TorqueFit, s: TorqueScore, simple: Sequence[TorqueCandi
         after = left - basis @ (basis.T @ left)
         size = max(1.0, float(np.mean(after[rows] ** 2)))
         ratio = float(np.sum((basis.T @ left) ** 2)) / size
-        alike = float(found[0] @ np.linalg.pinv(found[1]) @ s.estimate) > 0.0
+        both, told = s.estimate[found[3]], np.linalg.pinv(found[1])
+        alike = ALIKE * (both @ told @ both) < found[0] @ told @ both < (both @ told @ both) / ALIKE
         scaled = after[: current.rows] / np.sqrt(size)
         if not alike or robust_p_value(basis[: current.rows], scaled, ratio, current.samples) > level:
             return False

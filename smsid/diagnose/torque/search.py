@@ -120,7 +120,11 @@ def search_torques(
         causes, current = _refit_causes(current, causes, recording)
         causes, current = _backward_elimination(causes, current, recording, partial(_chance, tried=tried))
     told = partial(_chance_beside_all, tried=tried)  # with the p-value that a cause is told with
-    causes, current = _backward_elimination(causes, current, recording, told)
+    fewer, current = _backward_elimination(causes, current, recording, told)
+    if len(fewer) < len(causes):  # a joint's zero may have been needed beside it alone
+        fewer, current = _refit_causes(current, fewer, recording)
+        fewer, current = _backward_elimination(fewer, current, recording, partial(_chance, tried=tried))
+    causes = fewer
     scores = score_candidates(current, rest)
     causes = [c if c.term.candidate.moves else _beside_all(current, causes, c, candidates) for c in causes]
     values = refit_as_identification(current)
