@@ -48,6 +48,24 @@ def test_what_is_out_of_reach_is_given_up(known, problem, runs):
     assert again.objective == pytest.approx(reached.objective, abs=1.0)
 
 
+def test_what_comes_to_rest_in_vain_is_given_up_there_and_not_on_its_way(known, problem, runs):
+    reached = fit(astray(known), known.unknowns, problem, iterations=8)
+    begun, asked = astray(known), []
+    (far,) = (u for u in known.unknowns if begun.value(u) != known.point.value(u))
+    runs.clear()
+    # in vain where it began: it goes on, as it leads elsewhere
+    on = fit(
+        begun, known.unknowns, problem, iterations=8, in_vain=lambda f: f.point.value(far) == begun.value(far)
+    )
+    assert on.objective == reached.objective
+    whole = len(runs)
+    runs.clear()
+    # in vain everywhere: nearly at rest it is seen, not before
+    stopped = fit(begun, known.unknowns, problem, iterations=8, in_vain=lambda f: not asked.append(f))
+    assert len(runs) < whole and reached.objective < stopped.objective < reached.objective + 20.0
+    assert len(asked) == 2 and asked[0] is stopped
+
+
 def test_no_step_leads_up_where_bounds_hold_it(known, problem):
     """The best step within bounds is scipy's, and promises a gain; one bound after the other may not."""
     start = evaluate(astray(known), known.unknowns, problem)
