@@ -271,17 +271,6 @@ def test_noise_of_a_short_recording_is_no_cause(cutoff):
     assert verdicts.count("adequate") >= 11
 
 
-@pytest.mark.parametrize("seed", [6, 18, 31, 44, 45, 52])
-def test_what_one_joint_feels_of_another_is_no_coupling(seed):
-    """A motor that turns with two joints is felt by both alike; asked for its sign alone, these were."""
-
-    def hidden(q, v, a, load):
-        return np.column_stack([np.zeros(len(v)), 6.0 * v[:, 2], np.zeros(len(v))])
-
-    found = diagnose(described(), [recorded(hidden, seed=seed)], cutoff=20.0).diagnosis
-    assert not any(c.effect.startswith("motor_coupling") for c in found.causes), found.sentence
-
-
 def test_rounding_is_no_column_that_noise_is_learnt_beside():
     """A column that acts at one joint leaves zeros at others, or what rounding makes of them."""
     log = recorded(seed=5)

@@ -56,7 +56,12 @@ def learn_noise(equations: TorqueEquations, candidates: Sequence[TorqueCandidate
 
 
 def fit_each_joint(design: np.ndarray, torque: np.ndarray) -> Fitted:
-    """Return what columns (n, joints, k) leave of torques (n, joints), each joint fitted by itself."""
+    """Return what columns leave of torques, each joint fitted by itself.
+
+    Args:
+        design: (n, joints, k) columns.
+        torque: (n, joints) [N m | N].
+    """
     size = np.linalg.norm(design, axis=0)
     acts = size > ROUNDED * size.max(axis=0)  # at other joints a column may be what rounding leaves
     taken = [_spanned(design[:, j][:, acts[j]]) for j in range(torque.shape[1])]
@@ -65,7 +70,12 @@ def fit_each_joint(design: np.ndarray, torque: np.ndarray) -> Fitted:
 
 
 def fit_all_joints(design: np.ndarray, torque: np.ndarray) -> Fitted:
-    """Return the same with parameters common to all joints, which weigh by what each leaves."""
+    """Return the same with parameters common to all joints, which weigh by what each leaves of torques.
+
+    Args:
+        design: (n, joints, k) columns.
+        torque: (n, joints) [N m | N].
+    """
     n, joints = torque.shape
     sigma, residual, taken = np.sqrt(np.mean(torque**2, axis=0)) + FLOOR, torque, np.zeros((n, joints, 0))
     for _ in range(ROUNDS):
