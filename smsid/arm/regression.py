@@ -27,6 +27,9 @@ and how it moves, so that errors are alike for as long as the motion is, however
 MOST_ORDER = 6
 """Samples of its past that a residual is regressed on, at most."""
 
+ROUNDING = 1e-12
+"""Share of a variance, left by the past, that is rounding."""
+
 LEFT = 0.05
 """Least share of the errors that the fit is taken to leave where it takes all: at a frequency, or of what one
 stretch alone tells."""
@@ -226,21 +229,33 @@ def _spectral_spread(basis: np.ndarray, residual: np.ndarray, width: int) -> np.
 
 def autoregression(x: np.ndarray, most: int) -> np.ndarray:
     """Return coefficients of the autoregression of x (n,) that Bayes's criterion prefers, of at most an
-    order; the first is that of the sample before.
+    order; the first is that of the sample before. No others where there are few samples.
     """
     n = len(x) - most
     if most == 0 or n < 4 * most or not np.any(x):
         return np.zeros(0)
-    past = np.column_stack([x[most - 1 - k : len(x) - 1 - k] for k in range(most)])
-    target = x[most:]
-    best, least = np.zeros(0), n * np.log(float(target @ target) / n)
+    late = np.stack([x[most - k : len(x) - k] for k in range(most + 1)])
+    return autoregression_of(late @ late.T / n, n)[0]
+
+
+def autoregression_of(products: np.ndarray, samples: int) -> tuple[np.ndarray, float]:
+    """Return coefficients (most,) of the autoregression of noise with mean products (most + 1, most + 1) of
+    its samples and those before, and the variance of its innovations; of the order that Bayes's criterion
+    prefers.
+    """
+    most, whole = len(products) - 1, float(products[0, 0])
+    out, innovations = np.zeros(most), whole
+    least = samples * np.log(whole) if whole > 0.0 else -np.inf
     for order in range(1, most + 1):
-        found = np.linalg.lstsq(past[:, :order], target, rcond=None)[0]
-        left = target - past[:, :order] @ found
-        value = n * np.log(max(float(left @ left), 1e-300) / n) + order * np.log(n)
+        past = slice(1, order + 1)
+        found = np.linalg.lstsq(products[past, past], products[past, 0], rcond=None)[0]
+        variance = float(products[0, 0] - found @ products[past, 0])
+        if not variance > ROUNDING * whole:  # it is told by its past but for rounding
+            break
+        value = samples * np.log(variance) + order * np.log(samples)
         if value < least:
-            best, least = found, value
-    return best
+            out, innovations, least = np.append(found, np.zeros(most - order)), variance, value
+    return out, innovations
 
 
 class Projection:

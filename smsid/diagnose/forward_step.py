@@ -18,20 +18,15 @@ from smsid.diagnose.change_point import (
     with_onset,
 )
 from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
+from smsid.diagnose.misfit_proof import follows, is_hopeful, with_what_it_lacks
 from smsid.diagnose.model_comparison import (
     Cause,
     accept,
     fit_from_nominal,
-    own_component,
     simplest_law,
-    with_dynamics,
     with_further,
 )
-from smsid.diagnose.noise_covariance import (
-    InflatedFit,
-    fit_to_stated_noise,
-    normalised_rmse,
-)
+from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse
 from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.open_shape import may_be_open, with_errors_of_shape, with_open_shape
 from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_candidates, signatures
@@ -142,11 +137,8 @@ class SearchState:
         rivals = [own.get(s.candidate.key, s) for s in self.scores]
         rivals.sort(key=self._worth, reverse=True)
         in_vain = {best.candidate.key}
-        worth = (
-            {"worth": self._worth, "hopeful": self._is_hopeful, "follows": self._follows}
-            if self.fitted.misfit
-            else {}
-        )
+        proof = {"worth": self._worth, "hopeful": partial(is_hopeful, self.fitted), "follows": self._follows}
+        worth = proof if self.fitted.misfit else {}
         cause, found = accept(
             self.current, best, rivals, self._asked, len(self.candidates),
             in_vain=in_vain, has_room=self._has_room, **worth,
@@ -286,22 +278,11 @@ class SearchState:
             return -np.inf
         return self.fitted.explained(np.asarray(s.columns), s.estimate)
 
-    def _is_hopeful(self, s: Score) -> bool:
-        """Whether a candidate takes most of the errors away, in stated noise, where misfit is counted."""
-        if not (self.fitted.misfit and s.freedom and s.ratio > 0.0):
-            return False
-        return self._worth(s) > THRESHOLDS.hopeful * self.fitted.left
-
     def _follows(self, found: MapFit) -> bool:
         """Whether a fit goes on to the noise as stated, where misfit is counted, as the last one does not."""
-
-        def follows(fit: MapFit) -> bool:
-            exact = replace(self.fitted, fit=fit).stated
-            return fit_to_stated_noise(fit.point, fit.unknowns, exact) is not None
-
         if self._alone is None or self._alone[0] is not self.current:
-            self._alone = self.current, follows(self.current)
-        return not self._alone[1] and follows(found)
+            self._alone = self.current, follows(self.fitted, self.current)
+        return not self._alone[1] and follows(self.fitted, found)
 
     def _counts(self, s: Score) -> bool:
         """Whether there is something; odds order what counts, they do not decide."""
@@ -313,7 +294,7 @@ class SearchState:
         asked = [s for s in self.scores if self._has_room(s.candidate)]
         best = next((s for s in asked if s.ratio > least and self._counts(s)), None)
         if best is None:  # in noise as large as itself it counts for nothing
-            best = next((s for s in asked if self._is_hopeful(s)), None)
+            best = next((s for s in asked if is_hopeful(self.fitted, s)), None)
         if best is None:
             return []
         few = self.levels.contenders
@@ -364,7 +345,7 @@ class SearchState:
         within = [c for c in self.causes if cause.score.candidate.holds(c.score.candidate)]
         cause = replace(cause, ratio=cause.ratio + sum(c.ratio for c in within))
         self.causes = [*(c for c in self.causes if all(c is not w for w in within)), cause]
-        whole = self._with_what_it_lacks(cause, found) if self.fitted.misfit else found
+        whole = with_what_it_lacks(self.fitted, cause, found) if self.fitted.misfit else found
         strong = cause.ratio > levels.linear or whole is not found
         found = whole
         counted, before = self.fitted.misfit, self.current.run
@@ -377,32 +358,6 @@ class SearchState:
             self._score_anew()
         else:
             self._score_again(before)
-
-    def _with_what_it_lacks(self, cause: Cause, found: MapFit) -> MapFit:
-        """Return a fit with a cause in motion or its further parameters free, if that explains what counts
-        as misfit: beside that, they would not pay.
-        """
-        candidate = cause.score.candidate
-        if candidate.effect is None:
-            return found
-        rest = evaluate(found.point, found.unknowns, replace(self.fitted, fit=found).stated)
-        least, more = THRESHOLDS.misfit, rest
-        if candidate.instance(found.point).with_dynamics():
-            more = with_dynamics(rest, candidate)
-        if more is rest and self._is_left_where_it_acts(candidate, rest):
-            least, more = THRESHOLDS.followed, with_further(rest, [cause]) or rest
-        if more is rest or normalised_rmse(more.run) > least:
-            return found
-        problem = replace(found.problem, substep=more.problem.substep)  # the noise is found again from here
-        return evaluate(more.point, more.unknowns, problem)
-
-    def _is_left_where_it_acts(self, candidate: Candidate, rest: MapFit) -> bool:
-        """Whether most that a fit to stated noise leaves beyond that is in the component that a candidate
-        changes most.
-        """
-        own = own_component(rest, candidate, np.ones_like(self.fitted.factors))
-        left = np.where(rest.run.used, rest.run.normalised**2 - 1.0, 0.0).sum(axis=0)
-        return bool(2.0 * left[own] > left.sum())
 
     def _there_always(self) -> None:
         causes, found = drop_onset(self.causes, self.current, self.levels)

@@ -19,12 +19,11 @@ from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import chance_of_nothing
 from smsid.errors import SmsidError
 from smsid.estimation.innovations import normalised_rmse
-from smsid.estimation.map_estimate import MapFit, fit, within_reach
+from smsid.estimation.map_estimate import NEARLY_AT_REST, MapFit, fit, within_reach
 from smsid.estimation.parameter_vector import Point, Unknown
 
 LOGGER = logging.getLogger(__name__)
 NEAR = THRESHOLDS.near
-AT_REST = 10.0  # gain of the log-posterior that is promised, below which a fit has come to rest
 AGAIN = 12  # steps of a fit that begins again from the nominal parameters
 STEPS_OF_OTHERS, STEPS_IN_MOTION = 8, 25  # of the fits of an effect that moves by itself
 AXES = (".x", ".y", ".z")
@@ -289,7 +288,7 @@ def fit_from_nominal(found: MapFit, causes: Sequence[Candidate]) -> MapFit:
     What stood in for a cause went far before that was there (a tank lost a tenth of its mass to an encoder's
     bias), and the way back may be barred.
     """
-    if found.objective - within_reach(found) < AT_REST:
+    if found.objective - within_reach(found) < NEARLY_AT_REST:
         return found
     own = {n for c in causes for n in c.parameters}
     nominal = [u for u in found.unknowns if u.kind in ("inertial", "effect") and np.isfinite(u.sigma)]
@@ -324,9 +323,7 @@ def refit(current: MapFit, s: Score, at_most: float = np.inf) -> MapFit | None:
         try:
             if not at.physical():
                 continue
-            found = fit(
-                at, unknowns, current.problem, iterations=12, at_most=at_most, in_vain=absurd
-            )  # fmt: skip
+            found = fit(at, unknowns, current.problem, iterations=12, at_most=at_most, in_vain=absurd)
             found = _fit_further_parameters(found, candidate) if found.objective < at_most else found
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s cannot be fitted: %s", candidate.key, error)

@@ -117,6 +117,9 @@ class DetectionThresholds:
     torque_foreign: float = _row(0.7, "of the torque", "measured torques: as `foreign`")
     torque_shortest: int = _row(60, "instants", "measured torques: as `shortest`")
     torque_causes: int = _row(6, "1", "measured torques: most causes of a joint")
+    torque_alike: float = _row(
+        0.5, "1", "measured torques: of what a coupling's joints say, that each says at least"
+    )
     torque_stretches: int = _row(40, "1", "of time, whose errors are taken for independent")
     same: float = _row(0.9999, "correlation", "above which candidates of one kind are one error, tried once")
     cosines: int = _row(COSINES, "1", "slowest, that errors beside misfit are judged by", "simulated errors")

@@ -27,7 +27,7 @@ from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH_GAIN = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
-NEARLY_AT_REST = 10.0  # predicted gain below which a fit goes no longer anywhere else
+NEARLY_AT_REST = 10.0  # predicted gain of the log-posterior, below which a fit is nearly at rest
 MOST_TRIES = 6  # steps that are tried from one point, each shorter than the last
 STALLED_SHARE = 0.02  # share of the predicted gain below which two steps in a row were the last
 REACH = 1.1  # share of the predicted gain within which a fit may still reach what it has to

@@ -299,40 +299,6 @@ def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world,
 
 
 @pytest.mark.parametrize(
-    ("left", "elsewhere", "freed"), [(1.1, 1.0, True), (3.0, 1.0, False), (1.1, 30.0, False)]
-)
-def test_further_parameters_that_misfit_hides_are_freed_where_all_is_followed_then(
-    world, monkeypatch, left, elsewhere, freed
-):
-    """The torque that takes a rotor across its gap: beside 16 times the noise, it did not pay."""
-    state, asked = world
-    lost, noise = asked.at("with the gap"), SimpleNamespace(scaled=lambda factor: "stated")
-    lost.unknowns, lost.problem = (), Whole(noise, "raised")
-
-    def evaluated(point, unknowns, problem):
-        found = asked.at("stated" if problem.data == "stated" else "raised again")
-        found.run.normalised, found.run.used = np.array([[16.0, elsewhere]]), np.array([[True, True]])
-        found.point, found.unknowns, found.problem = point, unknowns, problem
-        return found
-
-    def further(found, causes):
-        larger = evaluated("turned", "more", found.problem)
-        larger.run = "freed"
-        return larger
-
-    monkeypatch.setattr(rounds, "evaluate", evaluated)
-    monkeypatch.setattr(rounds, "with_further", further)
-    monkeypatch.setattr(rounds, "own_component", lambda *_: 0)
-    monkeypatch.setattr(rounds, "normalised_rmse", lambda run: left)
-    effect = SimpleNamespace(with_dynamics=lambda: ())
-    backlash = SimpleNamespace(effect=effect, instance=lambda point: effect)
-    found = state._with_what_it_lacks(SimpleNamespace(score=SimpleNamespace(candidate=backlash)), lost)
-    assert (found is not lost) == freed
-    if freed:
-        assert (found.point, found.unknowns, found.problem.data) == ("turned", "more", noise)
-
-
-@pytest.mark.parametrize(
     ("misfit", "unknown", "told"), [(False, "", True), (True, "", False), (False, "panel", False)]
 )
 def test_rivals_take_a_place_only_where_all_they_do_is_seen(world, monkeypatch, misfit, unknown, told):

@@ -43,7 +43,7 @@ def test_slow_noise_that_a_fit_takes_is_not_missed(memory):
         left, taken = fit_each_joint(SLOW[:, None], coloured(rng, memory=memory))
         found.append(learnt(left, taken).slow[0] * (1.0 - memory))
         plain.append(learnt(left, [np.zeros((N, 0))]).slow[0] * (1.0 - memory))
-    assert np.exp(np.mean(np.log(found))) == pytest.approx(1.0, abs=0.2)
+    assert np.exp(np.mean(np.log(found))) == pytest.approx(1.0, abs=0.1)
     assert np.exp(np.mean(np.log(plain))) < 0.7
 
 

@@ -14,7 +14,6 @@ from smsid.diagnose.torque.whitening import robust_p_value
 
 ROUNDING = 1e-11
 FOLDS = 4
-ALIKE = 0.5  # of what both joints of a coupling say, that each says at least
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,8 @@ def acts_on_all(current: TorqueFit, s: TorqueScore, simple: Sequence[TorqueCandi
         size = max(1.0, float(np.mean(after[rows] ** 2)))
         ratio = float(np.sum((basis.T @ left) ** 2)) / size
         both, told = s.estimate[found[3]], np.linalg.pinv(found[1])
-        alike = ALIKE * (both @ told @ both) < found[0] @ told @ both < (both @ told @ both) / ALIKE
+        share = float(found[0] @ told @ both) / float(both @ told @ both)
+        alike = THRESHOLDS.torque_alike < share < 1.0 / THRESHOLDS.torque_alike
         scaled = after[: current.rows] / np.sqrt(size)
         if not alike or robust_p_value(basis[: current.rows], scaled, ratio, current.samples) > level:
             return False

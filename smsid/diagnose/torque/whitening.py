@@ -15,16 +15,13 @@ from scipy.linalg import toeplitz
 from scipy.stats import chi2, f
 
 from smsid.arm.near_rest import variance_ratio
-from smsid.arm.regression import MOST_ORDER
+from smsid.arm.regression import MOST_ORDER, autoregression_of
 from smsid.diagnose.thresholds import THRESHOLDS
 
 CLUSTERS = THRESHOLDS.torque_stretches
 
 MOST_ROUNDS, SETTLED = 60, 0.003
 """Of expectation and maximisation, and the change of the spectrum's logarithm that ends them."""
-
-ROUNDED = 1e-10
-"""Share of noise's variance, left by its past, that is rounding."""
 
 LEAST = 1e-12
 """Least standard deviation of an innovation [N m | N]: of a joint whose torque is nothing at all."""
@@ -106,31 +103,12 @@ def _autoregression(residual: np.ndarray, taken: np.ndarray, most: int) -> np.nd
     spectrum = np.full(len(share), white)
     for _ in range(MOST_ROUNDS):
         lost = np.fft.irfft(share * spectrum, n)[: most + 1]
-        found, variance = _of_products(products + toeplitz(lost), n)
+        found, variance = autoregression_of(products + toeplitz(lost), n)
         before = spectrum
         spectrum = variance / np.abs(np.fft.rfft(np.append(1.0, -found), n)) ** 2
         if not np.isfinite(spectrum).all() or np.abs(np.log(spectrum / before)).max() < SETTLED:
             break
     return found
-
-
-def _of_products(products: np.ndarray, samples: int) -> tuple[np.ndarray, float]:
-    """Return coefficients (most,) of the autoregression of noise with products (most + 1, most + 1) of its
-    samples and those before, and the variance of its innovations; of the order that Bayes's criterion has.
-    """
-    most, whole = len(products) - 1, float(products[0, 0])
-    out, innovations = np.zeros(most), whole
-    least = samples * np.log(whole)
-    for order in range(1, most + 1):
-        past = slice(1, order + 1)
-        found = np.linalg.lstsq(products[past, past], products[past, 0], rcond=None)[0]
-        variance = float(products[0, 0] - found @ products[past, 0])
-        if not variance > ROUNDED * whole:  # it is told by its past but for rounding
-            break
-        value = samples * np.log(variance) + order * np.log(samples)
-        if value < least:
-            out, innovations, least = np.append(found, np.zeros(most - order)), variance, value
-    return out, innovations
 
 
 def robust_p_value(basis: np.ndarray, residual: np.ndarray, ratio: float, samples: int) -> float:
