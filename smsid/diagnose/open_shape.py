@@ -27,6 +27,7 @@ from smsid.diagnose.score_test import (
     score_candidates,
     signatures,
 )
+from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.wald_test import as_fitted
 from smsid.errors import SmsidError
@@ -104,7 +105,12 @@ def with_open_shape(
         }
         rest = [u for u in unknowns if u.name not in own]
         every = {u.name: u for c in laws for u in (*c.unknowns(rest), *_further(point, c))}
-        fitted = _fit_torque_noise(point, [*rest, *every.values()], problem, dof)
+        both = [*rest, *every.values()]
+        # what stiff friction does within a step would pass for an error of its shape
+        fitted = refine_steps(
+            _fit_torque_noise(point, both, problem, dof),
+            lambda from_there, shorter: _fit_torque_noise(from_there, both, shorter, dof),
+        )
         told = _smallest_accepted_sets(fitted, laws)
         if not told:
             return None

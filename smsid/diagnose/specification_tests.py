@@ -133,6 +133,7 @@ def adequacy(found: MapFit) -> list[SpecificationTest]:
     """
     left_open = open_joints(found)
     asked = [e for e in equations_of(found) if e.location not in left_open]
+    beside_errors = found.with_shape_errors()
     named: list[Named] = [(e.name, e.location, on, own) for e in asked for on, own in _dependences(found, e)]
     named += [(channel, channel, on, own) for channel, on, own in _channels(found)]
     blocks = []
@@ -140,7 +141,7 @@ def adequacy(found: MapFit) -> list[SpecificationTest]:
         changes = [c for *_, own in some for c in own]
         whitened = propagate(found.run, changes).reshape(-1, len(changes))
         ends = np.cumsum([len(own) for *_, own in some])[:-1]
-        beside = found.projected(np.split(whitened, ends, axis=1))
+        beside = beside_errors.projected(np.split(whitened, ends, axis=1))
         for (where, location, dependence, _), own in zip(some, beside, strict=True):
             _, _, ratio, values = least_squares(own.gram, own.slope, own.raw)
             freedom = int((values > EXCITED).sum())

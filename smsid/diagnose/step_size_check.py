@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import MapFit, fit
+from smsid.estimation.parameter_vector import Point
+from smsid.estimation.problem import Problem
 from smsid.estimation.step_size import with_half_the_step
 
 LOGGER = logging.getLogger(__name__)
@@ -18,10 +21,11 @@ SEEN = THRESHOLDS.steps_seen
 FINER = 3  # times that the steps are halved
 
 
-def refine_steps(found: MapFit) -> MapFit:
+def refine_steps(found: MapFit, again: Callable[[Point, Problem], MapFit] | None = None) -> MapFit:
     """Return a fit with steps as short as its motion needs, or the same where they are short enough.
 
-    A strong cause may make an arm swing far faster than anybody has reckoned with.
+    A strong cause may make an arm swing far faster than anybody has reckoned with, and strong friction is
+    stiff. ``again`` fits with shorter steps from where the last fit was, if not the same parameters.
     """
     for _ in range(FINER):
         try:
@@ -32,7 +36,11 @@ def refine_steps(found: MapFit) -> MapFit:
             LOGGER.info(
                 "errors of integration of %.1f in chi-squared: steps of %.4g s", size, problem.substep
             )
-            found = fit(found.point, found.unknowns, problem, iterations=8)
+            found = (
+                again(found.point, problem)
+                if again
+                else fit(found.point, found.unknowns, problem, iterations=8)
+            )
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("no shorter steps: %s", error)
             break

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy.fft import dct
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import orth, qr, solve_triangular
 from scipy.linalg.blas import dgemm
 from scipy.stats import t as student
 
@@ -242,6 +242,30 @@ class MapFit:
         flat = self.whitened.reshape(-1, len(self.unknowns)).T
         errors = (shape_errors(self.changes.model, self.run, dof) for dof, _ in self.problem.noise.shapes)
         return [flat @ e.reshape(flat.shape[1], -1) for e in errors]
+
+    def with_shape_errors(self) -> MapFit:
+        """Return the fit beside errors of laws whose shape is left open, as large as can be: tests of what is
+        left must not find these, which repeat and are not white.
+        """
+        rows, m = self.run.innovations.size, len(self.unknowns)
+        made = [
+            shape_errors(self.changes.model, self.run, dof).reshape(rows, -1)
+            for dof, _ in self.problem.noise.shapes
+        ]
+        if not made:
+            return self
+        errors = np.hstack(made)
+        size = np.linalg.norm(errors, axis=0)
+        errors = orth(errors[:, size > 0.0] / size[size > 0.0], rcond=TOLD_TWICE)
+        count = errors.shape[1]
+        names = (f"error of shape {k}" for k in range(count))
+        unknowns = (*self.unknowns, *(Unknown(n, "effect", "1", 0.0, np.inf, 1.0) for n in names))
+        flat = np.hstack([self.whitened.reshape(rows, m), errors])
+        prior = PriorRows(self.prior.off, np.pad(self.prior.rows, ((0, 0), (0, count))))
+        gram = flat.T @ flat + prior.rows.T @ prior.rows
+        slope = flat.T @ self.run.innovations.ravel() - prior.rows.T @ prior.off
+        whitened = flat.reshape(*self.run.innovations.shape, m + count)
+        return replace(self, unknowns=unknowns, whitened=whitened, gram=gram, slope=slope, prior=prior)
 
     def with_unfitted(self, more: Sequence[Unknown]) -> MapFit:
         """Return the fit with further parameters that stay as they are, but are as uncertain as they are."""

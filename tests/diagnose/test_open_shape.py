@@ -35,6 +35,22 @@ def test_errors_of_all_octaves_together_are_a_torque_against_the_motion(opened):
     assert found.sum(axis=2) == pytest.approx(whole, abs=1e-9 * np.abs(whole).max())
 
 
+def test_what_goes_by_the_load_errs_by_octaves_of_the_load_too(known, opened):
+    """Both halves of the columns add up to friction that is in proportion to the load."""
+    ((dof, _),) = opened.problem.noise.shapes
+    rubs = JointFriction(name="rubs", joint=JOINT, load=0.05)
+    opened = evaluate(known.point.with_effect(rubs), known.unknowns, opened.problem)
+    found = shape_errors(opened.changes.model, opened.run, dof)
+    at, middle = opened.run.states, opened.run.middle
+    usual = np.sqrt(np.mean(at.tau[:, dof] ** 2))
+    whole = [np.sign(s.v[:, dof]) * np.abs(s.tau[:, dof]) / usual for s in (middle, at)]
+    (column,) = np.moveaxis(propagate(opened.run, [Sensitivity.on(dof, *whole)]), 2, 0)
+    by_rate = len(np.unique(np.floor(np.log2(np.abs(np.r_[middle.v[:, dof], at.v[:, dof]])))))
+    for part in (found[..., :by_rate], found[..., by_rate:]):
+        assert part.shape[2] > 3
+        assert part.sum(axis=2) == pytest.approx(column, abs=1e-9 * np.abs(column).max())
+
+
 def test_an_error_of_shape_counts_in_every_interval(opened):
     """As far as a torque that repeats with the rate, by its standard deviation, moves the estimate."""
     ((dof, sigma),) = opened.problem.noise.shapes
@@ -74,7 +90,7 @@ def test_an_error_that_comes_again_with_rate_and_load_is_no_memory_of_a_channel(
     opened = evaluate(known.point.with_effect(rubs), known.unknowns, opened.problem)
     errors, rng = shape_errors(opened.changes.model, opened.run, dof), np.random.default_rng(3)
     by_rate = shape_errors(SimpleNamespace(loads=()), opened.run, dof)
-    assert np.allclose(errors, by_rate) is not bool(load)
+    assert (errors.shape == by_rate.shape and np.allclose(errors, by_rate)) is not bool(load)
     size = 30.0 / np.sqrt((errors**2).sum(axis=(0, 1)).clip(1e-12))
     lacking = replace(
         opened.run, innovations=opened.run.innovations + errors @ (size * rng.choice((-1, 1), len(size)))
@@ -85,6 +101,45 @@ def test_an_error_that_comes_again_with_rate_and_load_is_no_memory_of_a_channel(
     naive = {t.where: t.ratio for t in whiteness(replace(opened, run=lacking, problem=closed))}
     assert max(naive[n] - plain[n] for n in plain) > 100.0
     assert seen == pytest.approx(plain, rel=1e-6)
+
+
+@pytest.mark.parametrize("load", [0.0, 0.05])
+def test_an_error_of_shape_is_no_dependence_of_another_place(known, opened, load):
+    """Load-dependent friction at its stall, told to 1.5 %, was not explained: an encoder depended on time."""
+    ((dof, _),) = opened.problem.noise.shapes
+    rubs = JointFriction(name="rubs", joint=JOINT, coulomb=0.1, load=load)
+    opened = evaluate(known.point.with_effect(rubs), known.unknowns, opened.problem)
+    errors, rng = shape_errors(opened.changes.model, opened.run, dof), np.random.default_rng(3)
+    size = 30.0 / np.sqrt((errors**2).sum(axis=(0, 1)).clip(1e-12))
+    lacking = replace(
+        opened.run, innovations=opened.run.innovations + errors @ (size * rng.choice((-1, 1), len(size)))
+    )
+
+    def ratios(found):
+        return {(t.where, t.dependence): t.ratio for t in adequacy(found)}
+
+    plain, seen = ratios(opened), ratios(replace(opened, run=lacking))
+    closed = replace(opened.problem, noise=replace(opened.problem.noise, shapes=()))
+    naive = ratios(replace(opened, run=lacking, problem=closed))
+    assert max(naive[n] - plain[n] for n in plain) > 100.0
+    assert max(seen[n] - plain[n] for n in plain) < 1.0
+
+
+def test_what_an_error_of_shape_cannot_do_is_still_found(opened):
+    """Power of the tests beside it: a bias of another channel shows as much as where no shape is open."""
+    rate = opened.problem.data.names.index("encoder.joint_velocity[joint3]")
+    innovations = opened.run.innovations.copy()
+    innovations[len(innovations) // 2 :, rate] += 0.6
+    off = replace(opened, run=replace(opened.run, innovations=innovations))
+    closed = replace(off, problem=replace(off.problem, noise=replace(off.problem.noise, shapes=())))
+
+    def ratio(found):
+        return next(
+            t.ratio for t in adequacy(found) if (t.where, t.dependence) == ("encoder.joint_velocity", "time")
+        )
+
+    assert ratio(closed) > 50.0
+    assert ratio(off) > 0.8 * ratio(closed)
 
 
 def test_beside_an_open_shape_memory_has_the_size_it_says(opened):

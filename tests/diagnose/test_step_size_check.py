@@ -29,6 +29,18 @@ def test_steps_that_are_too_long_are_halved(coarse):
     assert finer.objective < coarse.objective
 
 
+def test_what_is_fitted_again_with_shorter_steps_may_be_more_than_parameters(coarse):
+    asked = []
+
+    def again(point, problem):
+        asked.append(problem.substep)
+        return evaluate(point, coarse.unknowns, problem)
+
+    finer = refine_steps(coarse, again)
+    assert asked == sorted(asked, reverse=True)
+    assert finer.problem.substep == asked[-1] < coarse.problem.substep
+
+
 def test_the_steps_that_are_taken_are_halved_not_the_longest_allowed(known, problem):
     """Two fill the time between samples however long they may be."""
     found = evaluate(known.point, known.unknowns, replace(problem, substep=1.0))

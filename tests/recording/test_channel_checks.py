@@ -157,6 +157,26 @@ def test_an_angle_that_rests_at_a_turn_is_not_saturated_because_its_rate_is_late
     assert "under a source of its own" in finding.mend
 
 
+@pytest.mark.parametrize("kind", ["stuck", "saturated"])
+def test_a_sensor_that_stops_where_it_stands_is_stuck_and_no_range_that_ends(kind):
+    """For the last 3 s of 80 a position stood at its smallest value: refused by ``diagnose`` as saturated."""
+    t = 0.01 * np.arange(6000)
+    rng = np.random.default_rng(0)
+    x = 0.3 * np.sin(2.0 * np.pi * t / 16.0)
+    rate = np.gradient(x, t) + 1e-4 * rng.standard_normal(t.size)
+    x = x + 1e-5 * rng.standard_normal(t.size)
+    if kind == "stuck":  # where it was last, as it went on
+        rate, x = rate + 0.2, x + 0.2 * t
+        x[5700:] = x[5699] = x[:5700].max() + 1e-6
+    else:
+        x = np.minimum(x, 0.295)
+    channels = {"encoder.joint_position": x[:, None], "encoder.joint_velocity": rate[:, None]}
+    (finding,) = channel_findings(Recording.from_arrays(t, channels, labels={"joint": ["lift"]}))
+    assert (finding.kind, finding.channel, finding.clear) == (kind, "encoder.joint_position", True)
+    assert finding.of_a_sensor is (kind == "stuck")
+    assert f"is {kind} at" in finding.sentence
+
+
 def test_missing_samples_and_gaps_hide_no_contradiction(benchmark):
     rec = benchmark.KINDS["satellite without arm"].make(1)
     rate = np.array(rec["gyro.angular_rate"][:, [1, 0, 2]])

@@ -48,9 +48,6 @@ def channel_findings(recording: Recording) -> tuple[SampleFault, ...]:
     for x, v, pair in pairs:
         check = PairCheck(recording, x, v, pair, with_error)
         resting = [f for f in resting_findings(check) if (f.channel, f.components[0]) not in with_error]
-        if any(f.kind == "saturated" for f in resting) and check.delayed():
-            # where one turns round, the other, late, still moves
-            resting = [f for f in resting if f.kind != "saturated"]
         found += resting
         with_error |= {(f.channel, f.components[0]) for f in resting}
     for x, v, pair in sorted(pairs, key=lambda one: one[2].kind == "inertial"):
@@ -134,6 +131,10 @@ def resting_findings(check: PairCheck) -> list[SampleFault]:
             contradiction = _motion(check, k, t, marked, component, rate is not None, others_t, others)
             if contradiction is None:
                 continue
+            if kind == "saturated" and check.delayed():
+                continue  # where one turns round, the other, late, still moves
+            if np.count_nonzero(np.diff(marked, prepend=False) & marked) == 1:
+                kind = "stuck"  # at one value, once: the end of a range is met again and again
             share = float(np.mean(marked))
             other = check.x if name == check.v else check.v
             value = float(component[np.flatnonzero(marked)[0]])
