@@ -16,8 +16,8 @@ from smsid.diagnose.plausibility import impossible_fit
 from smsid.diagnose.score_test import Candidate, Score, score_candidates, signatures
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, strengths, wald
-from smsid.errors import SmsidError
-from smsid.estimation.map_estimate import MapFit, fit, prior_of
+from smsid.errors import NotIdentifiableError, SmsidError
+from smsid.estimation.map_estimate import MapFit, evaluate, fit, prior_of
 from smsid.estimation.sensitivities import propagate
 
 LOGGER = logging.getLogger(__name__)
@@ -115,10 +115,11 @@ def _taken_out(last: MapFit, cause: Cause, nominal: MapFit) -> MapFit | None:
 
 
 def without_cause(found: MapFit, candidate: Candidate, nominal: MapFit) -> MapFit:
-    """Return a fit less a cause, to first order: what its effect does along the motion is left again.
+    """Return a fit less a cause, to first order: what its effect does along the motion is left again. Of one
+    that moves by itself, without which there is less to move, it is filtered again.
 
     Its parameters are bound by their priors again, or no longer there; the others are free to make up for it,
-    but do not yet. Raises `SmsidError` where what it does has no derivative.
+    but do not yet. Raises `SimulationError` where that cannot be filtered.
     """
     own = candidate.parameters
     point, run, effect = found.point, found.run, candidate.effect
@@ -131,13 +132,18 @@ def without_cause(found: MapFit, candidate: Candidate, nominal: MapFit) -> MapFi
         unknowns, whitened = tuple(found.unknowns[i] for i in kept), found.whitened[:, :, kept]
         mine, stated = candidate.instance(point), {p.name: p.value for p in effect.parameters()}
         plain = mine.with_values({n: stated[n] for n in candidate.free})
-        done = propagate(run, [found.changes.effect(plain, mine, 1.0)])[:, :, 0]
-        run = replace(run, innovations=run.innovations + done)
+        try:
+            done = propagate(run, [found.changes.effect(plain, mine, 1.0)])[:, :, 0]
+        except NotIdentifiableError:  # its own motion goes with it
+            done = None
         point = point.with_effect(plain)
         known = {e.name for e in nominal.point.description.effect}
         if effect.name not in known and not any(u.name.startswith(f"{effect.name}.") for u in unknowns):
             others = tuple(e for e in point.description.effect if e.name != effect.name)
             point = replace(point, description=point.description.model_copy(update={"effect": others}))
+        if done is None:
+            return evaluate(point, unknowns, found.problem)
+        run = replace(run, innovations=run.innovations + done)
     flat, prior = whitened.reshape(-1, len(unknowns)), prior_of(point, unknowns, found.problem)
     gram = flat.T @ flat + prior.rows.T @ prior.rows
     slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off

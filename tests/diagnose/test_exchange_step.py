@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.exchange_step import exchange_step, recompute_evidence, without_cause
+from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence, without_cause
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause, refit
 from smsid.diagnose.score_test import score_candidates, signatures
@@ -103,6 +103,21 @@ def test_a_tank_that_stood_in_for_something_else_gives_way(description, known):
     found, last = exchange_step(causes, current, nominal, candidates, DetectionThresholds())
     assert [c.score.candidate.key[:2] for c in found] == [("motor_inertia", "joint3"), GAIN[:2]]
     assert last.objective < current.objective
+    assert last.changes.model.nv == nominal.changes.model.nv
+
+
+def test_a_mode_that_others_made_unnecessary_is_left_out(description, known):
+    """Where it is none it has no derivative: never taken out, it stood beside whatever was right."""
+    nominal, candidates = paired(known, description.with_effects(friction(0.01)), (*KINDS, "extra_mode"))
+    mode = next(c.key for c in candidates if c.kind == "extra_mode")
+    rub = (*FRICTION, "coulomb")
+    causes, current = with_causes(nominal, candidates, [mode, rub])
+    assert current.changes.model.nv > nominal.changes.model.nv
+    less = without_cause(current, causes[0].score.candidate, nominal)
+    assert less.changes.model.nv == nominal.changes.model.nv
+    assert less.unknowns == tuple(u for u in current.unknowns if not u.name.startswith("panel_more."))
+    kept, last = eliminate_backward(causes, current, nominal, DetectionThresholds(), len(candidates))
+    assert [c.score.candidate.key for c in kept] == [rub]
     assert last.changes.model.nv == nominal.changes.model.nv
 
 
