@@ -33,6 +33,7 @@ from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_can
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
+from smsid.diagnose.unknown_input import one_unknown_input
 from smsid.diagnose.unknown_structure import refit_noise, with_structure_again
 from smsid.diagnose.wald_test import distance
 from smsid.errors import SmsidError
@@ -84,6 +85,9 @@ class SearchState:
             self.normalised_rmse = normalised_rmse(nominal.run)
         self.failed: list[str] = []
         self._restarts = 0
+        # of the one input that explains more than several causes do, if there is one
+        self.by_chance: SpecificationTest | None = None
+        self._doubted = 0  # causes beside which that was asked
         self._alone: tuple[MapFit, bool] | None = None  # a fit, and whether it follows to the noise as stated
         # whether the noise is finer now than when the last cause was chosen
         self._finer = bool(known)
@@ -133,6 +137,8 @@ class SearchState:
             self._move(larger, strong=gained > self.levels.linear)
             self._score_anew()
             return True
+        if self._is_one_unknown():
+            return False
         own = {s.candidate.key: s for s in leading[1:]}
         rivals = [own.get(s.candidate.key, s) for s in self.scores]
         rivals.sort(key=self._worth, reverse=True)
@@ -156,6 +162,20 @@ class SearchState:
             same = {s.candidate.key for s in rest if any(is_same_error(s, t) for t in tried)}
             self._out |= in_vain | same
             self.scores = [s for s in rest if s.candidate.key not in same]
+        return True
+
+    def _is_one_unknown(self) -> bool:
+        """Whether one torque that is unknown explains more than several causes do; asked before one more."""
+        few = THRESHOLDS.parts if not (self.fitted.misfit or self.fitted.unknown) else np.inf
+        if len(self.causes) < max(few, self._doubted + 1) or open_joints(self.current):
+            return False
+        self._doubted = len(self.causes)
+        self.by_chance = one_unknown_input(self.nominal, self.current, self.levels)
+        if self.by_chance is None:
+            return False
+        told = f"{self.by_chance.where}, if it is unknown, explains more than {self._doubted} causes do"
+        LOGGER.info(told)
+        self.failed.append(f"{told}, and leaves nothing: they are parts of it, and no more were looked for")
         return True
 
     def close(self) -> None:

@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from scipy.signal import welch
 
-from smsid.diagnose.specification_tests import with_unknown
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.unknown_input import with_unknown
 from smsid.errors import SimulationError, SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.innovations import normalised_rmse

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,10 +13,7 @@ from scipy.stats import chi2
 from smsid.diagnose.score_test import EXCITED, least_squares
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.friction_law import SMOOTHING
-from smsid.errors import SmsidError
-from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.map_estimate import MapFit, continue_fit, fit
-from smsid.estimation.problem import Problem
+from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.estimation.shape_errors import shape_errors
 from smsid.simulate.trajectory import States
@@ -328,81 +324,3 @@ def hysteresis(angle: np.ndarray, middle: np.ndarray, width: float) -> tuple[np.
         towards = np.sign(step)
         z[k + 1] = towards + (z[k] - towards) * np.exp(-abs(step) / width)
     return z[::2], z[1::2]
-
-
-LOGGER = logging.getLogger(__name__)
-CHANCE = "chance"
-DOUBTED = 3  # inputs that are tried
-NEAR = 3.0  # gain of the log-posterior below which a fit is near enough for a likelihood
-
-
-def unknown_input_tests(found: MapFit) -> list[SpecificationTest]:
-    """Return the test for noise of the inputs most in doubt, the most significant first.
-
-    ``found`` is the fit of the nominal parameters. The ratio of each is what noise on it gains, with the
-    parameters fitted again: else they have bent to it, and a neighbour of the noisy joint looks as noisy.
-    """
-    inputs = [e for e in equations_of(found) if e.driven]
-    rest = continue_fit(found, iterations=4, enough=NEAR).objective
-    index = [e.v[0] for e in inputs]
-    slope, known = disturbances(found.run)
-    doubt = (slope[:, index] ** 2).sum(axis=0) / np.maximum(known[:, index].sum(axis=0), 1e-300)
-    tests = []
-    for i in np.argsort(-doubt)[:DOUBTED]:
-        name, dof = inputs[i].name, index[i]
-        problem = with_unknown(found.problem, run=found.run, dofs=[dof])
-        try:
-            noisy = fit(found.point, found.unknowns, problem, iterations=4, enough=NEAR)
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("noise of %s is not tried: %s", name, error)
-            continue
-        ratio = max(0.0, 2.0 * (rest - noisy.objective))
-        tests.append(SpecificationTest(name, CHANCE, ratio, 1, len(inputs), inputs[i].location))
-    return sorted(tests, key=lambda b: b.order)
-
-
-def with_unknown(
-    problem: Problem, *lost: str, run: FilterRun | None = None, dofs: Sequence[int] = (), held: int = 1
-) -> Problem:
-    """Return a problem without the readings of channels or components ``lost``, and with noise on the inputs
-    ``dofs`` that hides what a run tells of them (`THRESHOLDS.hidden`).
-
-    Noise is white: of an input that is wrong in one way for so many samples, ``held``, more is needed.
-    """
-    data, noise = problem.data, problem.noise
-    if run is not None:
-        _, known = disturbances(run)
-        loud = tuple(
-            (d, float(np.sqrt(held * THRESHOLDS.hidden / max(float(known[:, d].mean()), 1e-300))))
-            for d in dofs
-        )
-        noise = replace(noise, more=(*noise.more, *loud))
-    out = np.zeros(data.values.shape, dtype=bool)
-    for block in data.blocks:
-        out[:, block.rows] = [block.channel in lost or name in lost for name in block.names]
-        if not block.quantity.endswith(("rate", "velocity")):  # where the filter begins is read from there
-            out[[p.first for p in problem.parts] or [0], block.rows] = False
-    return replace(problem, data=data.without(out), noise=noise)
-
-
-def disturbances(run: FilterRun) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slope of the log-likelihood by a generalised force held over an interval, and its variance
-    where nothing disturbs: (N - 1, nv) each.
-
-    Source: de Jong and Penzer, J. Am. Stat. Assoc. 93 (1998) 796, after Bryson and Frazier.
-    """
-    n, nv = len(run.innovations), run.middle_inverse.shape[1]
-    slope, known = np.zeros((2, n - 1, nv))
-    one = np.eye(run.gain.shape[1])  # biases that wander are states, too
-    by_state, information = np.zeros(len(one)), np.zeros_like(one)
-    for k in range(n - 1, 0, -1):
-        white = run.whitening[k] @ run.sensitivity[k]
-        kept = one - run.gain[k] @ run.sensitivity[k]
-        by_state = kept.T @ by_state + white.T @ run.innovations[k]
-        information = kept.T @ information @ kept + white.T @ white
-        by_force = run.forcing[k - 1] @ run.middle_inverse[k - 1]
-        slope[k - 1] = by_force.T @ by_state
-        known[k - 1] = np.einsum("ij,ij->j", by_force, information @ by_force)
-        f = run.transition[k - 1]
-        by_state, information = f.T @ by_state, f.T @ information @ f
-    return slope, known

@@ -15,21 +15,17 @@ from smsid.diagnose.plausibility import impossible
 from smsid.diagnose.profile_intervals import with_profile_intervals
 from smsid.diagnose.result import FoundCause
 from smsid.diagnose.score_test import Candidate
-from smsid.diagnose.specification_tests import NEAR, adequacy, equations_of, is_at, with_unknown
+from smsid.diagnose.specification_tests import adequacy, equations_of, is_at
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.unknown_input import NEAR, fit_noise_of_unknown_inputs, with_unknown
 from smsid.diagnose.unknown_structure import but_for_a_structure
 from smsid.diagnose.verdict import causes, own_component_left
 from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, strengths
 from smsid.errors import SmsidError
-from smsid.estimation.joint_problem import at_point
-from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import MapFit, fit
-from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-NOISE_STEP = 10.0**0.5  # between noises of unknown inputs that are compared
-QUIETEST_INPUT = 1e-6  # of the noise that hides them
 
 
 def find_standing_causes(
@@ -95,37 +91,6 @@ def _is_of_no_size(candidate: Candidate, told: FoundCause) -> bool:
     names = [n for n, strong in zip(candidate.free, strengths(candidate), strict=True) if strong]
     known = [(*intervals[n], nothing[n]) for n in names if n in intervals and n in nothing]
     return bool(known) and all(low <= no <= high or np.isinf(high - low) for low, high, no in known)
-
-
-def fit_noise_of_unknown_inputs(found: MapFit) -> MapFit:
-    """Return a fit with the noise of its unknown inputs, all together, as large as is likeliest.
-
-    To hide what is unknown it is louder than that; standard deviations of what goes with it would be as much
-    too large. They are at least those that slow errors make.
-    """
-    loud = found.problem.noise
-    if not loud.more:
-        return found
-
-    def quieter(by: float) -> Problem:
-        more = tuple((dof, by * size) for dof, size in loud.more)
-        return replace(found.problem, noise=replace(loud, more=more), coloured=True)
-
-    try:
-        best, by = found.run.log_likelihood, 1.0
-        model = found.point.model()
-        while by > QUIETEST_INPUT:
-            tried = run_filter(model, at_point(found.point, quieter(by / NOISE_STEP))).log_likelihood
-            if tried <= best:
-                break
-            best, by = tried, by / NOISE_STEP
-        if by == 1.0:
-            return found
-        LOGGER.info("unknown inputs are likeliest %.3g times as loud", by)
-        return fit(found.point, found.unknowns, quieter(by), iterations=6)
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("unknown inputs stay as loud as they are: %s", error)
-        return found
 
 
 def _is_needed(found: Search, cause: Cause, rest: MapFit) -> bool:

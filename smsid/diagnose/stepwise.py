@@ -31,11 +31,11 @@ from smsid.diagnose.specification_tests import (
     adequacy,
     band_tests,
     is_at,
-    unknown_input_tests,
 )
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
+from smsid.diagnose.unknown_input import unknown_input_tests
 from smsid.diagnose.unknown_structure import unknown_structures
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.map_estimate import MapFit, continue_fit, fit
@@ -59,7 +59,8 @@ class Search:
     ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
     in steps.
     ``failed`` says in sentences what could not be done for numerical reasons, or was taken as unknown.
-    ``bent`` are 95 % intervals of parameters whose likelihood is no Gaussian's, by name.
+    ``bent`` are 95 % intervals of parameters whose likelihood is no Gaussian's, by name. ``by_chance``: one
+    torque that is unknown explains more than all causes do, which are parts of it.
     """
 
     nominal: MapFit
@@ -80,6 +81,7 @@ class Search:
     factors: np.ndarray = field(default_factory=lambda: np.ones(0))
     bands: tuple[SpecificationTest, ...] = ()
     bent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    by_chance: bool = False
 
     @property
     def left(self) -> tuple[SpecificationTest, ...]:
@@ -125,12 +127,15 @@ def search(
         if state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
             _look(state)
     state.forget_columns()
-    blocks = _apply_generic_tests(state, coarse)
+    one = (state.by_chance,) if state.by_chance else ()
+    blocks = (*one, *adequacy(state.current)) if one else _apply_generic_tests(state, coarse)
     state.forget_columns()
     clock.append(time.process_time())
-    before = tuple(adequacy(state.nominal)) if state.causes else blocks
+    before = (*one, *adequacy(state.nominal)) if state.causes else blocks
     sensor = state.fitted.alone and not state.causes
-    if not (state.fitted.misfit or sensor) and _is_unexplained(state, blocks, coarse):  # of no law, perhaps
+    if one:
+        before = tuple(sorted(before, key=lambda b: b.order))
+    elif not (state.fitted.misfit or sensor) and _is_unexplained(state, blocks, coarse):  # of no law, perhaps
         before = tuple(sorted((*before, *unknown_input_tests(state.nominal)), key=lambda b: b.order))
     clock.append(time.process_time())
     return Search(
@@ -141,6 +146,7 @@ def search(
         levels, coarse, tuple(state.failed),
         state.fitted.factors,
         tuple(band_tests(state.current, state.fitted.factors)),
+        by_chance=state.by_chance is not None,
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from smsid.diagnose.noise_covariance import (
     with_misfit,
     with_noise,
 )
-from smsid.diagnose.specification_tests import with_unknown
+from smsid.diagnose.unknown_input import with_unknown
 from smsid.errors import SmsidError
 from smsid.estimation.joint_problem import with_likely_timing
 from smsid.estimation.map_estimate import MapFit, fit

@@ -22,8 +22,8 @@ from smsid.diagnose.noise_covariance import (
     strays_by_row,
     with_levels,
 )
-from smsid.diagnose.specification_tests import with_unknown
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.unknown_input import with_unknown
 from smsid.diagnose.unknown_structure import refit_noise
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import evaluate, fit

@@ -5,8 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.specification_tests import CHANCE, disturbances, unknown_input_tests, with_unknown
-from smsid.diagnose.standing_causes import fit_noise_of_unknown_inputs
+from smsid.diagnose.unknown_input import (
+    CHANCE,
+    disturbances,
+    fit_noise_of_unknown_inputs,
+    unknown_input_tests,
+    with_unknown,
+)
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.sensitivities import Sensitivity, propagate
 
