@@ -183,7 +183,7 @@ def test_generic_tests_have_the_size_they_say(monkeypatch):
     fit = stub(rng, rows, 2, np.ones(2))
     fit.residual[rows:] = rng.standard_normal(2)
     fit.run = None
-    fit.problem = SimpleNamespace(noise=ProcessNoise())
+    fit.problem, fit.with_shape_errors = SimpleNamespace(noise=ProcessNoise()), lambda: fit
     named = [("imu.angular_rate", "rate", [Sensitivity()] * each)] * tests
     for part in ("equations_of", "whiteness"):
         monkeypatch.setattr(f"smsid.diagnose.specification_tests.{part}", lambda found: [])

@@ -462,3 +462,42 @@ def test_several_causes_of_one_structure_hide_none_elsewhere(world):
     assert not state._has_room(at("joint")) and not state._has_room(at("panel"))
     state.causes = []
     assert state.forward_step() and asked.has_room == state._has_room  # nor may a rival be one too many
+
+
+@pytest.mark.parametrize(
+    ("causes", "misfit", "open_", "one", "asked_for"),
+    [
+        (2, False, {}, True, True),
+        (2, False, {}, False, True),
+        (1, False, {}, True, False),  # that may be what the torque is unknown of
+        (2, True, {}, True, False),
+        (2, False, {"joint1": 0.1}, True, False),
+    ],
+)
+def test_where_one_unknown_torque_explains_more_no_further_cause_is_looked_for(
+    world, monkeypatch, causes, misfit, open_, one, asked_for
+):
+    """A random torque took five causes, one beside the other, and 16 minutes."""
+    state, asked = world
+    state.causes = [Cause(score_of(candidate(k)), (), 30.0) for k in (VAIN, OTHER)][:causes]
+    state.fitted = replace(state.fitted, misfit=misfit)
+    state._score_anew()
+    calls = []
+    test = SimpleNamespace(where="torque of joint2")
+
+    def ask(nominal, found, levels):
+        calls.append(found.name)
+        return test if one else None
+
+    monkeypatch.setattr(rounds, "one_unknown_input", ask)
+    monkeypatch.setattr(rounds, "open_joints", lambda found: open_)
+    going = state.forward_step()
+    assert bool(calls) is asked_for
+    assert going is not (one and asked_for)
+    assert (state.by_chance is test) is (one and asked_for)
+    assert any("torque of joint2" in said for said in state.failed) is (one and asked_for)
+    assert bool(asked.accepted) is not (one and asked_for)
+    if asked_for:
+        state.causes = state.causes[:causes]
+        state._is_one_unknown()
+        assert len(calls) == 1  # once beside as many

@@ -142,12 +142,13 @@ def sensor_effects(n: Numbers, *, every: bool = False) -> list[Hidden]:
             single = quantity in ("joint_position", "joint_velocity", "wheel_rate")
             index = "" if single else "." + "xyz"[k]
             place = f"{channel}[{(WHEELS if quantity == 'wheel_rate' else JOINTS)[k]}]" if single else channel
-            turn = ("sensor_misalignment",) if quantity == "attitude" else ()
+            turned = quantity == "attitude"  # by more than half a turn is by less the other way
+            turn, most = (("sensor_misalignment",), np.pi) if turned else ((), np.inf)
             found.append(
                 Hidden(
                     "sensor_bias", SENSOR, place, f"bias{index}", _unit(quantity),
                     lambda x, onset, rng, c=channel, k=k: _bias(c, k, x, onset), 0.3 * sigma,
-                    cap=1e5 * sigma, signed=True, onset=True, also=also, others=turn,
+                    cap=min(1e5 * sigma, most), signed=True, onset=True, also=also, others=turn,
                 )
             )  # fmt: skip
             if quantity in SCALED or (every and quantity != "attitude"):

@@ -16,7 +16,7 @@ from smsid.recording import load_recording
 
 from .catalogue import hidden_effects
 from .judge import Injected
-from .plan import Run, inject
+from .plan import Run, draw_run, inject
 from .study import diagnosis_of, judged, run_and_judge, tamed
 
 diagnose = pytest.importorskip("smsid.diagnose").diagnose
@@ -54,6 +54,12 @@ SLOW = [
     (hide(14, "single", "arm", ("joint_friction:coulomb@joint2", 10.0)), RIGHT),
     (hide(15, "outside", "sms", ("outside:torque_ripple@joint2", 10.0)), OPEN),
     (hide(22, "outside", "rigid", ("outside:dahl@joint2", 10.0)), OPEN),
+    # 970 s, and another slosh mass stood beside it
+    (draw_run(345019), OPEN),
+    # a mode of the panel that the second, slosh, made unnecessary could not be taken out
+    (draw_run(345029), RIGHT),
+    # the position stood still where it was smallest, and was refused as saturated
+    (draw_run(345055), RIGHT),
     (hide(16, "pair", "sms", ("torque_gain:error@wheel_y", 20.0), ("lever_arm:offset.x@imu", 20.0)), RIGHT),
 ]
 

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.unknown_input import (
     CHANCE,
     disturbances,
     fit_noise_of_unknown_inputs,
+    one_unknown_input,
     unknown_input_tests,
     with_unknown,
 )
@@ -64,3 +66,44 @@ def test_noise_of_unknown_inputs_is_told_by_its_likelihood(known, problem, recor
     assert own == dof and before > 30.0 * size
     assert 0.5 * size < after < 2.0 * size
     assert fit_noise_of_unknown_inputs(found) is found  # nothing is unknown
+
+
+@pytest.fixture(scope="module")
+def noisy(known, problem, recording):
+    """What was commanded of joint2 is told with an error: the nominal fit of that."""
+    told = np.array(recording["command.joint_torque"])
+    told[:, 1] += 0.05 * np.random.default_rng(5).standard_normal(len(told))
+    told = replace(problem, recording=recording.with_channels({"command.joint_torque": told}))
+    return fit(known.point, known.unknowns, told, iterations=3)
+
+
+def test_one_unknown_torque_explains_more_than_causes_that_stand_in_for_it(noisy):
+    one = one_unknown_input(noisy, replace(noisy, objective=noisy.objective - 10.0), THRESHOLDS)
+    assert one is not None and (one.where, one.dependence) == ("torque of joint2", CHANCE)
+    assert one.location == "joint2"
+    assert one.ratio > 20.0 + THRESHOLDS.alias
+
+
+def test_causes_that_are_as_likely_as_noise_are_no_parts_of_it(noisy):
+    """As likely as the noise that the torque has, not as that which hides it."""
+    one = one_unknown_input(noisy, noisy, THRESHOLDS)
+    assert one is not None
+    for less, found in ((0.5 * THRESHOLDS.alias, False), (2.0 * THRESHOLDS.alias, True)):
+        as_likely = noisy.objective - 0.5 * (one.ratio - less)
+        again = one_unknown_input(noisy, replace(noisy, objective=as_likely), THRESHOLDS)
+        assert (again is not None) is found
+
+
+def test_beside_something_else_that_is_left_no_one_torque_is_all(noisy):
+    """A sensor's jump is left whatever a joint does."""
+    data = noisy.problem.data
+    values = np.array(data.values)
+    values[len(values) // 2 :, data.names.index("tachometer.wheel_rate[wheel_x]")] += 1.0
+    jumped = replace(noisy.problem, data=replace(data, values=values))
+    both = fit(noisy.point, noisy.unknowns, jumped, iterations=3)
+    assert one_unknown_input(both, both, THRESHOLDS) is None
+
+
+def test_with_nothing_hidden_no_torque_is_unknown(known, problem):
+    found = fit(known.point, known.unknowns, problem, iterations=6)
+    assert one_unknown_input(found, found, THRESHOLDS) is None
