@@ -106,6 +106,7 @@ def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch)
         fitted = SimpleNamespace(unknown="panel", misfit=True, alone=False, by_channel={}, factors=np.ones(1))
         causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
         current = nominal = SimpleNamespace(run=None)
+        by_chance = None
 
         def guarded(self, what, step):
             return bool(step())
@@ -163,6 +164,7 @@ def test_what_is_lost_is_searched_as_a_model_that_may_err(asked, monkeypatch, fo
         lost, fitted = error, erring
         causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
         current = nominal = SimpleNamespace(run=None)
+        by_chance = None
 
         def guarded(self, what, step):
             erring.strict = None if follows else noise
