@@ -167,9 +167,9 @@ class SearchState:
     def _is_one_unknown(self) -> bool:
         """Whether one torque that is unknown explains more than several causes do; asked before one more."""
         few = THRESHOLDS.parts if not (self.fitted.misfit or self.fitted.unknown) else np.inf
-        if len(self.causes) < max(few, self._doubted + 1) or open_joints(self.current):
+        if self._counted < max(few, self._doubted + 1) or open_joints(self.current):
             return False
-        self._doubted = len(self.causes)
+        self._doubted = self._counted
         self.by_chance = one_unknown_input(self.nominal, self.current, self.levels)
         if self.by_chance is None:
             return False
@@ -333,11 +333,22 @@ class SearchState:
         """Whether a further cause may be this one: those of one panel or tank count once, as one that is
         described wrongly takes several to follow, and hides none elsewhere.
         """
-        causes, most = [c.score.candidate for c in self.causes], self.levels.causes
-        places = [c.location for c in causes if c.family in STRUCTURES]
+        most, places = self.levels.causes, self._structures
         if candidate.family in STRUCTURES and candidate.location in places:
             return places.count(candidate.location) < most
-        return len(causes) - len(places) + len(set(places)) < most
+        return self._counted < most
+
+    @property
+    def _structures(self) -> list[str]:
+        """The places of the causes that are of a panel or tank."""
+        causes = (c.score.candidate for c in self.causes)
+        return [c.location for c in causes if c.family in STRUCTURES]
+
+    @property
+    def _counted(self) -> int:
+        """The number of causes, those of one panel or tank counted once."""
+        places = self._structures
+        return len(self.causes) - len(places) + len(set(places))
 
     def _memory(self, best: Score) -> tuple[SpecificationTest, ...]:
         """Return the tests for memory at the joints of causes that gain more than the next candidate does."""

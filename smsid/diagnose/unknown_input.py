@@ -54,10 +54,14 @@ def one_unknown_input(
         loud = _with_noise_on(nominal, e)
         if loud is None:
             continue
-        likeliest = fit_noise_of_unknown_inputs(loud)
-        if 2.0 * (found.objective - likeliest.objective) < levels.alias:
+        try:
+            likeliest = fit_noise_of_unknown_inputs(loud)
+            if 2.0 * (found.objective - likeliest.objective) < levels.alias:
+                continue
+            tests = [t for t in adequacy(loud) if t.dependence != PAST]  # a symptom, of noise not white
+        except (SmsidError, np.linalg.LinAlgError) as error:
+            LOGGER.info("noise of %s is not judged: %s", e.name, error)
             continue
-        tests = [t for t in adequacy(loud) if t.dependence != PAST]  # a symptom, of noise that is not white
         if any(t.p_value * len(tests) < levels.block for t in tests):
             continue
         ratio = 2.0 * (nominal.objective - likeliest.objective)

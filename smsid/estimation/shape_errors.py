@@ -41,7 +41,7 @@ def shape_errors(model: SpacecraftModel, run: FilterRun, dof: int) -> np.ndarray
             changes.append(
                 Sensitivity.on(dof, *(np.where(o == octave, np.sign(v) * x, 0.0) for o, v, x in each))
             )
-    return propagate(run, changes)
+    return propagate(run, changes) / np.sqrt(len(regions))  # together they are as large as the errors
 
 
 def _octaves(values: Sequence[np.ndarray]) -> list[np.ndarray]:

@@ -157,12 +157,12 @@ def test_an_angle_that_rests_at_a_turn_is_not_saturated_because_its_rate_is_late
     assert "under a source of its own" in finding.mend
 
 
-@pytest.mark.parametrize("kind", ["stuck", "saturated"])
-def test_a_sensor_that_stops_where_it_stands_is_stuck_and_no_range_that_ends(kind):
+@pytest.mark.parametrize(("kind", "turns"), [("stuck", 16.0), ("saturated", 16.0), ("saturated", 60.0)])
+def test_a_sensor_that_stops_where_it_stands_is_stuck_and_no_range_that_ends(kind, turns):
     """For the last 3 s of 80 a position stood at its smallest value: refused by ``diagnose`` as saturated."""
     t = 0.01 * np.arange(6000)
     rng = np.random.default_rng(0)
-    x = 0.3 * np.sin(2.0 * np.pi * t / 16.0)
+    x = 0.3 * np.sin(2.0 * np.pi * t / turns)  # one slew, or several
     rate = np.gradient(x, t) + 1e-4 * rng.standard_normal(t.size)
     x = x + 1e-5 * rng.standard_normal(t.size)
     if kind == "stuck":  # where it was last, as it went on

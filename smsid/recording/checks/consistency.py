@@ -133,8 +133,8 @@ def resting_findings(check: PairCheck) -> list[SampleFault]:
                 continue
             if kind == "saturated" and check.delayed():
                 continue  # where one turns round, the other, late, still moves
-            if np.count_nonzero(np.diff(marked, prepend=False) & marked) == 1:
-                kind = "stuck"  # at one value, once: the end of a range is met again and again
+            if marked[-1] and np.count_nonzero(np.diff(marked, prepend=False) & marked) == 1:
+                kind = "stuck"  # at one value, once and for good: the end of a range is left again
             share = float(np.mean(marked))
             other = check.x if name == check.v else check.v
             value = float(component[np.flatnonzero(marked)[0]])
