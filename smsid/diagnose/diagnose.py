@@ -221,7 +221,7 @@ def _diagnose(
     if decided == "unexplained" or found.misfit:
         # what explains a part only is a hint: a cause outside the catalogue looks like several within
         stand: Sequence[FoundCause | None] = (None,) * len(every)
-        if not (found.by_chance or is_piecewise_drift(every)):
+        if not (found.one_unknown or is_piecewise_drift(every)):
             by, stand = find_standing_causes(found, every)
         every = tuple(s or c for s, c in zip(stand, every, strict=True))
         if decided == "unexplained":
@@ -303,7 +303,7 @@ def _from_likely_start(
     """
     read, problem = first
     found = searched(problem, point)
-    if found.by_chance or not (found.causes or found.left):
+    if found.one_unknown or not (found.causes or found.left):
         return read, problem, found
     rested = read is at_rest
     moving = likelier_start(found.nominal, found.last, left=bool(found.left)) if rested else None

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from smsid.diagnose.cause_count import STRUCTURES, cause_count, has_room
 from smsid.diagnose.change_point import (
     best_onsets,
     drop_onset,
@@ -33,7 +34,7 @@ from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_can
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
-from smsid.diagnose.unknown_input import one_unknown_input
+from smsid.diagnose.unknown_input import UnknownInput, one_unknown_input
 from smsid.diagnose.unknown_structure import refit_noise, with_structure_again
 from smsid.diagnose.wald_test import distance
 from smsid.errors import SmsidError
@@ -43,7 +44,6 @@ from smsid.estimation.map_estimate import MapFit, evaluate
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-STRUCTURES = ("slosh", "appendage")  # families of what a panel or a tank does
 ON_THE_BUS = (*STRUCTURES, "external")  # families that a structure of unknown motion looks like
 REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
 APART = 100.0  # times what the motion changed, that has to be left of it: a tenth of its size is off then
@@ -85,8 +85,7 @@ class SearchState:
             self.normalised_rmse = normalised_rmse(nominal.run)
         self.failed: list[str] = []
         self._restarts = 0
-        # of the one input that explains more than several causes do, if there is one
-        self.by_chance: SpecificationTest | None = None
+        self.one_unknown: UnknownInput | None = None  # that explains more than several causes do
         self._doubted = 0  # causes beside which that was asked
         self._alone: tuple[MapFit, bool] | None = None  # a fit, and whether it follows to the noise as stated
         # whether the noise is finer now than when the last cause was chosen
@@ -166,17 +165,29 @@ class SearchState:
 
     def _is_one_unknown(self) -> bool:
         """Whether one torque that is unknown explains more than several causes do; asked before one more."""
-        few = THRESHOLDS.parts if not (self.fitted.misfit or self.fitted.unknown) else np.inf
-        if self._counted < max(few, self._doubted + 1) or open_joints(self.current):
+        few = THRESHOLDS.several if not (self.fitted.misfit or self.fitted.unknown) else np.inf
+        count = cause_count([c.score.candidate for c in self.causes])
+        if count < max(few, self._doubted + 1) or open_joints(self.current):
             return False
-        self._doubted = self._counted
-        self.by_chance = one_unknown_input(self.nominal, self.current, self.levels)
-        if self.by_chance is None:
+        self._doubted = count
+        self.one_unknown = one_unknown_input(self.nominal, self.current, self.levels)
+        return self.one_unknown is not None
+
+    def go_on(self) -> bool:
+        """Hold the one unknown torque, if there is one, against the causes as they have been judged beside
+        each other; return whether there may be a further cause after all.
+        """
+        one = self.one_unknown
+        if one is None:
             return False
-        told = f"{self.by_chance.where}, if it is unknown, explains more than {self._doubted} causes do"
+        if not one.explains_more(self.current, self.levels):
+            LOGGER.info("%s explains no more than the causes as they are now", one.test.where)
+            self.one_unknown = None
+            return True
+        told = f"{one.test.where}, if it is unknown, explains more than {len(self.causes)} causes do"
         LOGGER.info(told)
         self.failed.append(f"{told}, and leaves nothing: they are parts of it, and no more were looked for")
-        return True
+        return False
 
     def close(self) -> None:
         """Judge the causes beside each other: what is there all the time, and which of them they are."""
@@ -330,25 +341,7 @@ class SearchState:
         return [best, *(with_onset(self.current, s, self.levels.onset, onsets) for s in leading)]
 
     def _has_room(self, candidate: Candidate) -> bool:
-        """Whether a further cause may be this one: those of one panel or tank count once, as one that is
-        described wrongly takes several to follow, and hides none elsewhere.
-        """
-        most, places = self.levels.causes, self._structures
-        if candidate.family in STRUCTURES and candidate.location in places:
-            return places.count(candidate.location) < most
-        return self._counted < most
-
-    @property
-    def _structures(self) -> list[str]:
-        """The places of the causes that are of a panel or tank."""
-        causes = (c.score.candidate for c in self.causes)
-        return [c.location for c in causes if c.family in STRUCTURES]
-
-    @property
-    def _counted(self) -> int:
-        """The number of causes, those of one panel or tank counted once."""
-        places = self._structures
-        return len(self.causes) - len(places) + len(set(places))
+        return has_room(candidate, [c.score.candidate for c in self.causes], self.levels.causes)
 
     def _memory(self, best: Score) -> tuple[SpecificationTest, ...]:
         """Return the tests for memory at the joints of causes that gain more than the next candidate does."""

@@ -15,7 +15,6 @@ from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.friction_law import SMOOTHING
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
-from smsid.estimation.shape_errors import shape_errors
 from smsid.simulate.trajectory import States
 
 TIME_TERMS = 6
@@ -159,9 +158,9 @@ def whiteness(found: MapFit) -> list[SpecificationTest]:
     """
     e, used = found.run.innovations, found.run.used
     out = []
-    for dof, _ in found.problem.noise.shapes:
-        errors = shape_errors(found.changes.model, found.run, dof).reshape(e.size, -1)
-        e = e - (errors @ np.linalg.lstsq(errors, e.ravel(), rcond=None)[0]).reshape(e.shape)
+    if found.problem.noise.shapes:
+        errors = found.shape_error_basis
+        e = e - (errors @ (errors.T @ e.ravel())).reshape(e.shape)
     left_open = tuple(f"[{joint}]" for joint in open_joints(found))  # errors of a shape are not white
     for row, name in enumerate(found.problem.data.names):
         if name.endswith(left_open):

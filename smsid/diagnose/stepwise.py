@@ -59,8 +59,9 @@ class Search:
     ``bands`` are where in frequency the last fit leaves more than the noise; ``coarse`` are components read
     in steps.
     ``failed`` says in sentences what could not be done for numerical reasons, or was taken as unknown.
-    ``bent`` are 95 % intervals of parameters whose likelihood is no Gaussian's, by name. ``by_chance``: one
-    torque that is unknown explains more than all causes do, which are parts of it.
+    ``bent`` are 95 % intervals of parameters whose likelihood is no Gaussian's, by name. ``one_unknown``:
+    one torque that is unknown explains more than all causes do, which are parts of it; its test beside the
+    nominal parameters is among ``before`` and ``blocks``.
     """
 
     nominal: MapFit
@@ -81,7 +82,7 @@ class Search:
     factors: np.ndarray = field(default_factory=lambda: np.ones(0))
     bands: tuple[SpecificationTest, ...] = ()
     bent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    by_chance: bool = False
+    one_unknown: bool = False
 
     @property
     def left(self) -> tuple[SpecificationTest, ...]:
@@ -127,7 +128,7 @@ def search(
         if state.guarded(f"taking '{unknown}' in again", lambda: state.restore(problem)):
             _look(state)
     state.forget_columns()
-    one = (state.by_chance,) if state.by_chance else ()
+    one = (state.one_unknown.test,) if state.one_unknown else ()
     blocks = (*one, *adequacy(state.current)) if one else _apply_generic_tests(state, coarse)
     state.forget_columns()
     clock.append(time.process_time())
@@ -146,14 +147,17 @@ def search(
         levels, coarse, tuple(state.failed),
         state.fitted.factors,
         tuple(band_tests(state.current, state.fitted.factors)),
-        by_chance=state.by_chance is not None,
+        one_unknown=bool(one),
     )  # fmt: skip
 
 
 def _look(state: SearchState) -> None:
-    while state.guarded("looking for a further cause", state.forward_step):
-        pass
-    state.guarded("judging the causes beside each other", state.close)
+    further = True
+    while further:
+        while state.guarded("looking for a further cause", state.forward_step):
+            pass
+        state.guarded("judging the causes beside each other", state.close)
+        further = state.guarded("holding one unknown torque against the causes", state.go_on)
 
 
 def _initial_state(

@@ -78,7 +78,7 @@ class DetectionThresholds:
     noise_told: int = _row(50, "samples", "below which a component says nothing of its noise")
     spectrum: int = _row(8, "segments", "of the spectrum that misfit is read from", "simulated errors")
     peeled: int = _row(3, "1", "equations and channels at most that are taken as unknown")
-    parts: int = _row(2, "1", "causes beside which, before one more, one unknown torque is asked", STUDIES)
+    several: int = _row(2, "1", "causes beside which, before one more, one unknown torque is asked", STUDIES)
     hidden: float = _row(30.0, "variance", "of an input's noise that hides it, over what one sample tells")
     slow: float = _row(1.2, "1", "variance of prediction errors over their differences': more is no noise")
     mostly: float = _row(0.9, "of the excess", "that causes take away where the model never follows")

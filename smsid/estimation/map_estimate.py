@@ -243,21 +243,27 @@ class MapFit:
         errors = (shape_errors(self.changes.model, self.run, dof) for dof, _ in self.problem.noise.shapes)
         return [flat @ e.reshape(flat.shape[1], -1) for e in errors]
 
+    @cached_property
+    def shape_error_basis(self) -> np.ndarray:
+        """An orthonormal basis (N rows, k) of what errors of laws whose shape is left open do to the whitened
+        predictions.
+        """
+        dofs, rows = [dof for dof, _ in self.problem.noise.shapes], self.run.innovations.size
+        made = [shape_errors(self.changes.model, self.run, dof).reshape(rows, -1) for dof in dofs]
+        errors = np.hstack([np.zeros((rows, 0)), *made])
+        size = np.linalg.norm(errors, axis=0)
+        return (
+            orth(errors[:, size > 0.0] / size[size > 0.0], rcond=TOLD_TWICE) if size.any() else errors[:, :0]
+        )
+
     def with_shape_errors(self) -> MapFit:
         """Return the fit beside errors of laws whose shape is left open, as large as can be: tests of what is
         left must not find these, which repeat and are not white.
         """
-        rows, m = self.run.innovations.size, len(self.unknowns)
-        made = [
-            shape_errors(self.changes.model, self.run, dof).reshape(rows, -1)
-            for dof, _ in self.problem.noise.shapes
-        ]
-        if not made:
+        errors, m = self.shape_error_basis, len(self.unknowns)
+        rows, count = errors.shape
+        if not count:
             return self
-        errors = np.hstack(made)
-        size = np.linalg.norm(errors, axis=0)
-        errors = orth(errors[:, size > 0.0] / size[size > 0.0], rcond=TOLD_TWICE)
-        count = errors.shape[1]
         names = (f"error of shape {k}" for k in range(count))
         unknowns = (*self.unknowns, *(Unknown(n, "effect", "1", 0.0, np.inf, 1.0) for n in names))
         flat = np.hstack([self.whitened.reshape(rows, m), errors])

@@ -1,6 +1,6 @@
 """The rounds of a search: what is done anew when the noise turns out to be finer than it was taken for."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,39 +11,12 @@ from smsid.diagnose.forward_step import SearchState
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import InflatedFit
-from smsid.diagnose.score_test import Score
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError
 
+from .search_stubs import Whole, candidate, score_of
+
 FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other", "vain"))
-
-
-def candidate(key, family="friction"):
-    return SimpleNamespace(
-        key=key,
-        location=key[1],
-        family=family,
-        effect=None,
-        simpler=(),
-        free=(f"{key[1]}.size",),
-        also=(),
-        parameters={f"{key[1]}.size"},
-        holds=lambda other: False,
-    )
-
-
-@dataclass(frozen=True)
-class Whole:
-    """A problem as far as it is put together again."""
-
-    data: SimpleNamespace
-    noise: str
-    coloured: bool = False
-    substep: float = 0.1
-
-
-def score_of(candidate):
-    return Score(candidate, 30.0, 1, np.zeros(1), np.eye(1), 1.0, np.zeros((1, 1)), np.zeros((1, 1)))
 
 
 class Stub(SimpleNamespace):
@@ -483,21 +456,36 @@ def test_where_one_unknown_torque_explains_more_no_further_cause_is_looked_for(
     state.fitted = replace(state.fitted, misfit=misfit)
     state._score_anew()
     calls = []
-    test = SimpleNamespace(where="torque of joint2")
+    unknown = SimpleNamespace(test=SimpleNamespace(where="torque of joint2"))
 
     def ask(nominal, found, levels):
         calls.append(found.name)
-        return test if one else None
+        return unknown if one else None
 
     monkeypatch.setattr(rounds, "one_unknown_input", ask)
     monkeypatch.setattr(rounds, "open_joints", lambda found: open_)
     going = state.forward_step()
     assert bool(calls) is asked_for
     assert going is not (one and asked_for)
-    assert (state.by_chance is test) is (one and asked_for)
-    assert any("torque of joint2" in said for said in state.failed) is (one and asked_for)
+    assert (state.one_unknown is unknown) is (one and asked_for)
     assert bool(asked.accepted) is not (one and asked_for)
     if asked_for:
         state.causes = state.causes[:causes]
         state._is_one_unknown()
         assert len(calls) == 1  # once beside as many
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_one_unknown_torque_is_held_against_the_causes_as_they_are_judged(world, still):
+    """The first of a pair may be the wrong one until the second is known: exchanged, they explain more."""
+    state, _ = world
+    assert not state.go_on()  # there is none
+    asked = []
+    state.one_unknown = SimpleNamespace(
+        test=SimpleNamespace(where="torque of joint2"),
+        explains_more=lambda found, levels: asked.append(found) or still,
+    )
+    assert state.go_on() is not still
+    assert asked == [state.current]
+    assert (state.one_unknown is not None) is still
+    assert any("torque of joint2" in said for said in state.failed) is still

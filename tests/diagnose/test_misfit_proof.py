@@ -1,6 +1,6 @@
 """What is asked in noise as stated while misfit is counted."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,17 +10,8 @@ from smsid.diagnose import misfit_proof
 from smsid.diagnose.misfit_proof import is_hopeful, with_what_it_lacks
 from smsid.diagnose.noise_covariance import InflatedFit
 
+from .search_stubs import Whole
 from .test_model_comparison import score
-
-
-@dataclass(frozen=True)
-class Whole:
-    """A problem as far as it is put together again."""
-
-    data: SimpleNamespace
-    noise: str
-    coloured: bool = False
-    substep: float = 0.1
 
 
 def at(name):

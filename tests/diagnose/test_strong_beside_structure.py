@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import stepwise
+from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.strong_causes import Coarse
 from smsid.diagnose.thresholds import DetectionThresholds
+from smsid.diagnose.unknown_input import CHANCE
 from smsid.errors import RecordingError, SimulationError
 
 PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.acceleration"))
@@ -106,7 +108,7 @@ def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch)
         fitted = SimpleNamespace(unknown="panel", misfit=True, alone=False, by_channel={}, factors=np.ones(1))
         causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
         current = nominal = SimpleNamespace(run=None)
-        by_chance = None
+        one_unknown = None
 
         def guarded(self, what, step):
             return bool(step())
@@ -119,7 +121,8 @@ def test_what_is_needless_goes_before_a_structure_is_taken_in_again(monkeypatch)
         monkeypatch.setattr(stepwise, name, lambda *_, value=value: value)
     stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ())
     asked = [step for step in steps if step != "forget_columns"]
-    assert asked == ["forward_step", "close", "prune", "restore", "forward_step", "close", "prune"]
+    look = ["forward_step", "close", "go_on", "prune"]
+    assert asked == [*look, "restore", *look]
 
 
 @pytest.mark.parametrize(
@@ -164,7 +167,7 @@ def test_what_is_lost_is_searched_as_a_model_that_may_err(asked, monkeypatch, fo
         lost, fitted = error, erring
         causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
         current = nominal = SimpleNamespace(run=None)
-        by_chance = None
+        one_unknown = None
 
         def guarded(self, what, step):
             erring.strict = None if follows else noise
@@ -181,3 +184,30 @@ def test_what_is_lost_is_searched_as_a_model_that_may_err(asked, monkeypatch, fo
         return
     with pytest.raises(SimulationError, match="lost"):
         stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ())
+
+
+def test_with_one_unknown_torque_its_test_is_told_and_no_cause_is_judged_further(monkeypatch):
+    """Nor is a further parameter freed, or a law let err, of causes that are parts of something else."""
+    steps, others = [], [SpecificationTest("torque of joint1", "rate", 40.0, 3, location="joint1")]
+    test = SpecificationTest("torque of joint2", CHANCE, 900.0, 1, location="joint2")
+
+    class Searching:
+        lost = None
+        fitted = SimpleNamespace(unknown="", misfit=False, alone=False, by_channel={}, factors=np.ones(1))
+        causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
+        current = nominal = SimpleNamespace(run=None)
+        one_unknown = SimpleNamespace(test=test)
+
+        def guarded(self, what, step):
+            return bool(step())
+
+        def __getattr__(self, name):
+            return lambda *_: steps.append(name)
+
+    begun = {"_initial_state": Searching(), "adequacy": others, "band_tests": [], "normalised_rmse": 1.0}
+    for name, value in begun.items():
+        monkeypatch.setattr(stepwise, name, lambda *_, value=value: value)
+    found = stepwise.search(SimpleNamespace(), SimpleNamespace(), (), ())
+    assert [step for step in steps if step != "forget_columns"] == ["forward_step", "close", "go_on"]
+    assert found.one_unknown and found.blocks == (test, *others)
+    assert found.left_before[0] is test and found.left[0] is test
