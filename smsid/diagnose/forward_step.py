@@ -90,6 +90,8 @@ class SearchState:
         self._alone: tuple[MapFit, bool] | None = None  # a fit, and whether it follows to the noise as stated
         # whether the noise is finer now than when the last cause was chosen
         self._finer = bool(known)
+        # keys of causes that were chosen beside one that has given way since
+        self._unsettled: frozenset[tuple[str, str, str]] = frozenset()
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}
         self.scores = self._score_remaining()
@@ -202,16 +204,20 @@ class SearchState:
         # else a rival is told from a law that is not yet all it can be
         while told and (larger := with_further(self.current, self.causes)) is not None:
             self.take(larger)
+        before = [c.score.candidate.key for c in self.causes]
         self.causes, found = exchange_step(
             self.causes, self.current, self.nominal, self.candidates, self.levels,
             exchange=told, last_too=self._finer, settled=self._settled,
         )  # fmt: skip
+        left = next((i for i, c in enumerate(self.causes) if c.score.candidate.key != before[i]), len(before))
+        self._unsettled = frozenset(before[left + 1 :])
         self.take(found)
 
     def prune(self) -> bool:
         """Drop the causes that the others have made needless; return whether any was."""
         self.causes, found = eliminate_backward(
             self.causes, self.current, self.nominal, self._asked, len(self.candidates), self._proven,
+            self._unsettled,
         )  # fmt: skip
         return self.take(found)
 

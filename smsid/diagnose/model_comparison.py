@@ -359,6 +359,9 @@ def _fit_further_parameters(found: MapFit, candidate: Candidate) -> MapFit:
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s: %s stay as they are: %s", candidate.key, [u.name for u in some], error)
             return -np.inf, found
+        if absurd := impossible_fit(larger, candidate):
+            LOGGER.info("%s: %s stay as they are: %s", candidate.key, [u.name for u in some], absurd)
+            return -np.inf, found
         return 2.0 * (found.objective - larger.objective) - len(some) * price, larger
 
     if not more:

@@ -37,11 +37,14 @@ def impossible(cause: FoundCause) -> str:
 
 
 def impossible_fit(found: MapFit, candidate: Candidate) -> str:
-    """Return in words which value of a candidate's parameters in a fit cannot be; empty where all can."""
+    """Return in words which value of a candidate's parameters in a fit cannot be, or is within what its law
+    does not resolve; empty where all can.
+    """
     own = [u for u in found.unknowns if u.name in candidate.parameters]
     values = tuple(
         Value(u.name, found.point.value(u), math.nan, u.unit, None if candidate.effect else u.nominal)
         for u in own
     )
     told = candidate.kind, candidate.location, candidate.family, candidate.shape
-    return impossible(FoundCause(*told, values, (), {}))
+    absurd = impossible(FoundCause(*told, values, (), {}))
+    return absurd if absurd or candidate.effect is None else candidate.instance(found.point).unresolved()

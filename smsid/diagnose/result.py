@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -57,12 +57,17 @@ class Value:
         return f"+- {NORMAL95 * self.sigma:.2g}"
 
 
+def alike(place: str, others: Sequence[str]) -> str:
+    """Return a place in words, with others where the same error would do the same."""
+    return place + (f" ({', '.join(others)} alike)" if others else "")
+
+
 @dataclass(frozen=True)
 class Alias:
     """Another effect that this experiment does not tell from the cause.
 
     ``correlation`` is that of their signatures, nominal parameters projected out; ``separate`` says which
-    experiment would tell.
+    experiment would tell. ``also_at`` as in `FoundCause`.
     """
 
     effect: str
@@ -71,14 +76,21 @@ class Alias:
     shape: str
     correlation: float
     separate: str
+    also_at: tuple[str, ...] = ()
+
+    @property
+    def places(self) -> str:
+        """Where it is, and where it may be as well, in words."""
+        return alike(self.location, self.also_at)
 
 
 @dataclass(frozen=True)
 class FoundCause:
     """A named cause. ``shape`` is ``None`` when its siblings are not rejected: ``fitted`` says which of them
-    the parameters are of. ``onset`` [s] if it began midway, and its standard deviation, which those of the
-    parameters contain. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value. ``recording``:
-    where several were searched, the one it began in, or the only one it is in.
+    the parameters are of. ``also_at`` are places where the same error does the same to every reading: of
+    base parameters, they are one with it. ``onset`` [s] if it began midway, and its standard deviation, which
+    those of the parameters contain. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value.
+    ``recording``: where several were searched, the one it began in, or the only one it is in.
     """
 
     effect: str
@@ -92,11 +104,17 @@ class FoundCause:
     onset_sigma: float | None = None
     fitted: str = ""
     recording: str = ""
+    also_at: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
         """The shape that is named; the family, and what was fitted, where none is."""
         return self.shape or (f"{self.family}, fitted as {self.fitted}" if self.fitted else self.family)
+
+    @property
+    def places(self) -> str:
+        """Where it is, and where it may be as well, in words."""
+        return alike(self.location, self.also_at)
 
 
 @dataclass(frozen=True)
@@ -276,8 +294,12 @@ def _diagnosis(document: Mapping[str, Any]) -> Diagnosis:
 
 def _cause(table: Mapping[str, Any]) -> FoundCause:
     values = tuple(_value(p) for p in table["parameters"])
-    aliases = tuple(_from_table(Alias, a) for a in table["aliases"])
-    return _from_table(FoundCause, table, parameters=values, aliases=aliases)
+    aliases = tuple(_from_table(Alias, a, also_at=_also(a)) for a in table["aliases"])
+    return _from_table(FoundCause, table, parameters=values, aliases=aliases, also_at=_also(table))
+
+
+def _also(table: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(table.get("also_at", ()))
 
 
 def _value(table: Mapping[str, Any]) -> Value:

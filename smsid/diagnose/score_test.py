@@ -376,6 +376,11 @@ def is_same_error(first: Score, second: Score) -> bool:
     (kind, _, shape), (its_kind, _, its_shape) = first.candidate.key, second.candidate.key
     if (kind, shape) != (its_kind, its_shape) or first.freedom != second.freedom:
         return False
+    return can_do_the_same(first, second)
+
+
+def can_do_the_same(first: Score, second: Score) -> bool:
+    """Whether a candidate can do all that the ``first`` can, the fitted parameters projected out."""
     alike = _canonical_correlations(first, second)
     return len(alike) >= first.freedom and float(alike.min(initial=1.0)) > THRESHOLDS.same
 

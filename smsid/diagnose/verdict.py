@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from smsid.diagnose.model_comparison import Cause, own_component
 from smsid.diagnose.noise_covariance import strays_by_row
 from smsid.diagnose.plausibility import impossible
 from smsid.diagnose.result import Alias, FoundCause, Limit, SignificantTest, Value, Verdict
-from smsid.diagnose.score_test import Candidate
+from smsid.diagnose.score_test import Candidate, Score, can_do_the_same
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -37,6 +38,7 @@ ROUND = 0.02  # how near to a whole number a gain is told in words
 SEPARATE = {
     frozenset(pair): how
     for *pair, how in (
+        ("inertia", "motor inertia", "turn the base, which turns links, not motors; if fixed, a data sheet"),
         ("viscous", "coulomb", "move the joint at several rates, a slow one among them"),
         ("force, body", "force, inertial", "turn the spacecraft: one turns with it, one does not"),
         ("torque, body", "torque, inertial", "turn the spacecraft: one turns with it, one does not"),
@@ -60,13 +62,14 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     """A shape that is not claimed may be any sibling's: the likeliest are listed, the number is evidence."""
     own = cause.score.candidate
     start = None if own.effect is None else starts.get(own.effect.name)
-    begun, where = own.start, own.recording
+    begun, recording = own.start, own.recording
     if begun is not None and found.last.problem.parts:
-        begun, where = on_own_clock(found.last.problem, begun)
+        begun, recording = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not is_sibling(s.candidate, own)]
-    told = [*siblings[: max(1, THRESHOLDS.aliases - len(others))], *others]
-    aliases = tuple(alias(own, s.candidate, c) for s, c in told)
+    also_at, errors = _by_error(cause.score, others)
+    told = [*((s, c, ()) for s, c in siblings[: max(1, THRESHOLDS.aliases - len(errors))]), *errors]
+    aliases = tuple(replace(alias(own, s.candidate, c), also_at=where) for s, c, where in told)
     return FoundCause(
         effect=own.kind,
         location=own.location,
@@ -84,7 +87,8 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
         onset=begun,
         onset_sigma=None if start is None else start.sigma,
         fitted=own.shape,
-        recording=where,
+        recording=recording,
+        also_at=also_at,
     )
 
 
@@ -135,6 +139,27 @@ def _assumed_parameters(found: Search, candidate: Candidate) -> list[Unknown]:
         for p in candidate.instance(found.last.point).parameters()
         if p.name in candidate.also and p.name not in fitted and p.sigma is not None
     ]
+
+
+def _by_error(
+    own: Score, others: Sequence[tuple[Score, float]]
+) -> tuple[tuple[str, ...], list[tuple[Score, float, tuple[str, ...]]]]:
+    """Return where else a cause may be as well, and its aliases, each with where else that may be.
+
+    Errors of one kind that all can do what the cause does (the inertia about a joint of any link beyond it)
+    are one base parameter to these recordings: one name, at several places.
+    """
+    first = {own.candidate.key[::2]: own}
+    places: dict[int, tuple[str, ...]] = {}
+    errors = []
+    for s, how in others:
+        same = can_do_the_same(own, s)
+        one = first.setdefault(s.candidate.key[::2], s) if same else s
+        if one is s:
+            errors.append((s, how))
+        else:
+            places[id(one)] = (*places.get(id(one), ()), s.candidate.location)
+    return places.get(id(own), ()), [(s, how, places.get(id(s), ())) for s, how in errors]
 
 
 def is_sibling(a: Named, b: Named) -> bool:
@@ -313,7 +338,7 @@ def _plainly(cause: FoundCause, p: Value) -> str:
 
 def describe(cause: FoundCause) -> str:
     """Return a cause in words, with its value and those it is not told from."""
-    what = f"{cause.label} ({cause.effect}) at {cause.location}"
+    what = f"{cause.label} ({cause.effect}) at {cause.places}"
     if cause.parameters:
         first = cause.parameters[0].name.split(".")[1]  # the strength; a place or a phase is none
         own = [p for p in cause.parameters if p.nominal is not None or p.name.split(".")[1] == first]
@@ -330,13 +355,21 @@ def describe(cause: FoundCause) -> str:
         what += f", from {cause.onset:.4g}{give} s{own} on"
     elif cause.recording and "likelihood_ratio" in cause.evidence:  # a fault may be in others, too
         what += f", in {cause.recording!r} alone"
-    others = [f"{a.shape} at {a.location}" for a in cause.aliases[:3]]
+    others = [f"{a.shape} at {a.places}" for a in cause.aliases[:3]]
     return what + (f" (or {', or '.join(others)})" if others else "")
 
 
 def _may_be_nothing(found: Search, cause: Cause) -> str:
-    """Return in words that a cause is told from none no longer, beside all that was found; else nothing."""
+    """Return in words that a cause is told from none no longer, beside all that was found; else nothing.
+
+    Where the likelihood is bent, that is said by its profile along what makes the cause do something.
+    """
     own = cause.score.candidate
+    able = {name for name, makes in zip(own.free, strengths(own), strict=True) if makes}
+    for u in found.last.unknowns:
+        low, high = found.bent.get(u.name, (-np.inf, np.inf))
+        if u.name in able and low <= found.last.point.value(u) <= high and not low <= u.nominal <= high:
+            return ""
     chance = float(chi2.sf(wald(found.last, own, strength=True), sum(strengths(own))))
     told = f"{own.shape} ({own.kind}) at {own.location} may as well be nothing"
     return told if chance > THRESHOLDS.nested else ""

@@ -124,6 +124,12 @@ class Effect(StrictTable):
         """
         return ()
 
+    def unresolved(self) -> str:
+        """Return in words what of it, as its values are, is within what its law does not resolve; else
+        nothing.
+        """
+        return ""
+
     def has_fast_dynamics(self) -> bool:
         """Whether it has a motion of its own that may come to rest between two samples."""
         return False

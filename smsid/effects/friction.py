@@ -15,6 +15,7 @@ from smsid.effects.friction_law import (
     BY_FIELD,
     SMOOTHING,
     TERMS,
+    TURNED,
     Law,
     closest_friction,
     friction_columns,
@@ -174,6 +175,16 @@ class JointFriction(JointEffect, Starting):
     def with_laws(self, *laws: Law) -> JointFriction:
         """Return it with more laws to identify."""
         return self.model_copy(update={"laws": tuple(dict.fromkeys((*self.laws, *laws)))})
+
+    def unresolved(self) -> str:
+        """Return that Stribeck's curve falls before the sign has turned: what it does is the sign's shape."""
+        least = TURNED * self.smoothing
+        if not self.stribeck or self.stribeck_rate >= least:
+            return ""
+        return (
+            f"{self.name}.stribeck_rate = {self.stribeck_rate:.3g} rad/s is within the width of the sign, "
+            f"which has turned at {least:.3g} rad/s"
+        )
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
         """Return the terms that are `asked`. Raises `DescriptionError` where one needs what is not known."""

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 SMOOTHING = 0.005
+TURNED = 2.0  # widths of the sign at which it has turned, to 96 %
 """Rate at which the sign of friction turns over, where nothing else is stated [rad/s | m/s]: at it Coulomb
 friction reaches 76 %, below it nothing is known of its direction."""
 

@@ -30,7 +30,7 @@ def cause_tables(d: Diagnosis) -> Iterator[Table]:
             cells(
                 f"{c.label} at {c.location}",
                 f"{a.shape} ({a.effect})",
-                a.location,
+                a.places,
                 (a.correlation, 4),
                 a.separate,
             )
@@ -54,7 +54,7 @@ def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
     for v in c.parameters:
         known = (v.value, 5), interval_cell(v), unit(v.unit)
         believed = None if v.nominal is None else (v.nominal, 5)
-        out.append(cells(name, c.location, c.family, v.name.partition(".")[2], *known, believed, *told))
+        out.append(cells(name, c.places, c.family, v.name.partition(".")[2], *known, believed, *told))
     return out
 
 
@@ -134,7 +134,7 @@ def cause_in_words(cause: FoundCause) -> str:
     effect = known_effect(cause.effect) or Effect
     template = effect.in_words
     kind = effect.summary or f"{cause.effect.replace('_', ' ')}{f', {shape}' if shape else ''}"
-    what = " ".join(template.format(place=cause.location, shape=shape, kind=kind).split())
+    what = " ".join(template.format(place=cause.places, shape=shape, kind=kind).split())
     value = strength(cause)
     if value is not None:
         what += f", {quantity(value)}"
@@ -144,7 +144,7 @@ def cause_in_words(cause: FoundCause) -> str:
         what += f", from {number(cause.onset, 4)} s on"
     if cause.recording:
         what += f", in the recording '{cause.recording}'"
-    others = [f"{a.shape.replace('_', ' ')} at {a.location}" for a in cause.aliases[:2]]
+    others = [f"{a.shape.replace('_', ' ')} at {a.places}" for a in cause.aliases[:2]]
     return what + (f" (this flight does not tell it from {' or '.join(others)})" if others else "")
 
 

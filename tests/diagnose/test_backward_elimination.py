@@ -27,7 +27,18 @@ def fitted(objective):
     )
 
 
-def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False, absurd="", beside=("joint2",)):
+def left(
+    monkeypatch,
+    held,
+    rest,
+    whole=0.1,
+    alone=0.1,
+    proven=(),
+    zero=False,
+    absurd="",
+    beside=("joint2",),
+    unsettled=(),
+):
     """Where the causes are that stay of two, of which the first's strength has a statistic ``alone``.
 
     ``whole`` is that of all its parameters, ``held`` that with its further parameters held, ``rest`` the
@@ -58,8 +69,9 @@ def left(monkeypatch, held, rest, whole=0.1, alone=0.1, proven=(), zero=False, a
     monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.exchange_step.fit", refitted)
     kept, _ = eliminate_backward(
-        [cause(x) for x in ("joint1", *beside)], fitted(0.0), fitted(1e6), DetectionThresholds(), 60, proven
-    )
+        [cause(x) for x in ("joint1", *beside)], fitted(0.0), fitted(1e6), DetectionThresholds(), 60, proven,
+        unsettled,
+    )  # fmt: skip
     return [c.score.candidate.location for c in kept]
 
 
@@ -96,6 +108,17 @@ def test_one_whose_parameters_may_each_be_zero_stays_only_where_it_is_missed(mon
     assert left(monkeypatch, **told, rest=0.0) == ["joint1", "joint2"]
     assert left(monkeypatch, **told, rest=0.0, zero=True) == ["joint2"]
     assert left(monkeypatch, **told, rest=3900.0, zero=True) == ["joint1", "joint2"]
+
+
+def test_one_chosen_beside_what_has_given_way_stays_only_where_it_is_missed(monkeypatch):
+    """A link's centre of mass, 9 standard deviations off, went on making up for what its inertia lacked when
+    a payload had come in the place of that.
+    """
+    told = dict.fromkeys(("held", "whole", "alone"), 1000.0)
+    first = {cause("joint1").score.candidate.key}
+    assert left(monkeypatch, **told, rest=2.0) == ["joint1", "joint2"]
+    assert left(monkeypatch, **told, rest=2.0, unsettled=first) == ["joint2"]
+    assert left(monkeypatch, **told, rest=3900.0, unsettled=first) == ["joint1", "joint2"]
 
 
 def test_one_with_a_value_that_cannot_be_goes_first_and_missed_or_not(monkeypatch):

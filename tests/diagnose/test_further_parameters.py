@@ -39,3 +39,9 @@ def test_nothing_is_freed_that_does_not_pay(loaded, monkeypatch):
     causes, current = loaded((0.0, 0.0, 0.0))
     monkeypatch.setattr(model_comparison, "fit", lambda *_, **__: pytest.fail("it was tried"))
     assert with_further(current, causes) is None
+
+
+def test_nothing_is_freed_to_what_cannot_be(loaded, monkeypatch):
+    causes, current = loaded(PLACE)
+    monkeypatch.setattr(model_comparison, "impossible_fit", lambda *_: "it is too far away")
+    assert with_further(current, causes) is None

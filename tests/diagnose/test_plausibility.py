@@ -1,12 +1,15 @@
 """What speaks against a cause: a value that cannot be."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
-from smsid.diagnose.plausibility import impossible
+from smsid.diagnose.plausibility import impossible, impossible_fit
 from smsid.diagnose.result import FoundCause, Value
+from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.verdict import describe, verdict
+from smsid.effects import JointFriction
 
 
 def cause(effect, family, location, name, value, sigma=1e-3, unit="1", nominal=None):
@@ -50,3 +53,15 @@ def test_what_a_gain_means_is_said_and_no_sentence_has_a_nan():
     assert "reversed" not in describe(cause(*MOTOR, -0.1))
     unknown = describe(cause(*MOTOR, 0.1, sigma=float("nan")))
     assert "nan" not in unknown and "not known" in unknown
+
+
+@pytest.mark.parametrize(
+    ("rate", "height", "within"), [(0.004, 0.5, True), (0.05, 0.5, False), (0.004, 0.0, False)]
+)
+def test_a_curve_that_falls_before_the_sign_has_turned_is_a_shape_of_the_sign(rate, height, within):
+    """What friction does within 0.01 rad/s of rest no sign of the rate resolves (tanh(2) = 0.96)."""
+    own = JointFriction(name="rub", joint="joint2", coulomb=2.0, stribeck=height, stribeck_rate=rate)
+    found = SimpleNamespace(unknowns=(), point=SimpleNamespace(description=SimpleNamespace(effect=(own,))))
+    candidate = Candidate("joint_friction", "joint2", "friction", "stribeck", own, ("rub.stribeck",), (1.0,))
+    assert bool(impossible_fit(found, candidate)) is within
+    assert impossible_fit(found, replace(candidate, effect=None)) == ""

@@ -17,8 +17,9 @@ CAUSE = FoundCause(
     "joint_friction", "joint2", "friction", None,
     (Value("friction_joint2.viscous", 1.5, 2e-4, "N m s/rad"), Value("link1.m", 3.0, 0.1, "kg", 2.9),
      Value("load.mass", 0.5, 0.36, "kg", profile=(0.02, math.inf))),
-    (Alias("delay", "joint2", "timing", "delay", 0.99, "a slower motion"),),
+    (Alias("delay", "joint2", "timing", "delay", 0.99, "a slower motion", ("joint3",)),),
     {"ratio": 1e4, "freedom": 1.0, "p_value": 0.0}, onset=3.0, onset_sigma=0.1, fitted="viscous",
+    also_at=("joint1", "wheel"),
 )  # fmt: skip
 CHANNEL = ChannelGain("pose.position", "m", 1.0, 0.02, 0.001, float("nan"))
 FULL = Diagnosis(

@@ -11,7 +11,7 @@ from smsid.diagnose.result import FoundCause
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.verdict import _within_bounds, remaining_tests, verdict
+from smsid.diagnose.verdict import _by_error, _within_bounds, remaining_tests, verdict
 from smsid.estimation.parameter_vector import Unknown
 
 WHOLE = SimpleNamespace(left=(), misfit=False, causes=())
@@ -80,7 +80,7 @@ def searched(shifts, sigmas, rows, factors, left_by, **fields):
     own = [Candidate("kind", f"place{k}", "other", "size", None, (n,), (1e-9,)) for k, n in enumerate(names)]
     causes = [Cause(Score(c, 50.0, 1, none[0:0], none, 1.0, none, none), (), 50.0) for c in own]
     noise = {f"row{k}": float(f) for k, f in enumerate(factors)}
-    return SimpleNamespace(last=last, causes=causes, factors=factors, noise=noise, **fields)
+    return SimpleNamespace(last=last, causes=causes, factors=factors, noise=noise, **{"bent": {}, **fields})
 
 
 def test_nothing_is_explained_that_leaves_a_causes_own_component_or_may_be_nothing():
@@ -106,6 +106,21 @@ def test_nothing_is_explained_that_leaves_a_causes_own_component_or_may_be_nothi
         assert decided == expected, sentence
         said[decided] += 1
     assert min(said.values()) > 50
+
+
+@pytest.mark.parametrize(
+    ("ends", "decided"),
+    [((0.3, 4.0), "explained"), ((-0.1, 4.0), "unexplained"), ((2.0, 4.0), "unexplained")],
+)
+def test_a_profile_says_whether_a_bent_strength_may_be_nothing(ends, decided):
+    """A further mode's mass of 1 +- 0.6: the likelihood falls steeply towards none. Ends that do not hold the
+    value are of another fit.
+    """
+    found = searched(
+        np.ones(1), np.full(1, 0.6), [2], np.ones(4), np.ones(4), misfit=False, left=(), left_before=(),
+        followed=0.99, bent={"effect0.size": ends},
+    )  # fmt: skip
+    assert verdict(found, [FoundCause("kind", "place0", "other", "size", (), (), {})])[0] == decided
 
 
 def test_the_component_that_is_left_is_said_with_its_level():
@@ -163,3 +178,24 @@ def test_beside_a_cause_that_stands_what_is_left_is_said_and_not_what_it_took_aw
         _, sentence = verdict(found, (own,), standing, (own,))
         assert "torque of joint2 depends on load" in sentence
         assert [t.where for t in remaining_tests(found, "unexplained", standing)] == ["torque of joint2"]
+
+
+def test_errors_of_a_kind_that_do_all_the_cause_does_are_one_at_several_places():
+    """The inertia of links about a joint, and its motor's: two names, of three bodies and one motor."""
+    rng = np.random.default_rng(5)
+    column, others = rng.standard_normal((50, 1)), rng.standard_normal((50, 2))
+
+    def at(kind, place, shape, columns):
+        names = tuple(f"{place}.{k}" for k in range(columns.shape[1]))
+        own = Candidate(kind, place, "other", shape, None, names, (1.0,) * len(names))
+        size = np.ones(len(names))
+        return Score(own, 9.0, len(names), size, np.diag(size), 1.0, columns, np.zeros((0, len(names))))
+
+    link = at("body_error", "link1", "inertia", column)
+    second = at("body_error", "link2", "inertia", np.hstack([2.0 * column + others[:, :1], others]))
+    looks = at("body_error", "link3", "inertia", column + 0.1 * others[:, :1])
+    motor, mass = at("motor", "joint1", "inertia", -column), at("body_error", "link4", "mass", column)
+    near = [(s, 1.0) for s in (motor, second, looks, mass)]
+    assert _by_error(link, near) == (("link2",), [(motor, 1.0, ()), (looks, 1.0, ()), (mass, 1.0, ())])
+    near = [(s, 1.0) for s in (second, looks, link)]
+    assert _by_error(motor, near) == ((), [(second, 1.0, ("link1",)), (looks, 1.0, ())])

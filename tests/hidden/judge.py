@@ -12,6 +12,7 @@
 | false_alarm | (nothing hidden) names a cause or finds the recording unexplained |
 | not_evaluated | did not judge |
 
+What is one base parameter (a link's inertia, that of links it carries) is one alias, wherever it is said.
 Outside the catalogue, `unexplained` is right, with or without its equation among what remains, and so is a
 family alone. Of a pair, both must be found: `partial` is one of them.
 """
@@ -144,7 +145,8 @@ def _match(cause: Mapping[str, Any], injected: Injected, confirm: Confirm) -> tu
         named = not effect.shapes or (own_shape or cause["fitted"]) in effect.shapes
     if _is(cause, effect) and named:
         return ("right", "") if few else ("right_family", f"{len(aliases)} aliases")
-    for alias in aliases:
+    one = [{**x, "location": p} for x in (cause, *aliases) for p in x.get("also_at", ())]  # base parameter
+    for alias in (*aliases, *one):
         shape = alias.get("shape")
         if _is(alias, effect) and (shape is None or not effect.shapes or shape in effect.shapes):
             if few and confirm(injected, cause["effect"], cause["location"], own_shape or cause["fitted"]):

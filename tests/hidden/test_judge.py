@@ -69,6 +69,18 @@ def test_an_alias_counts_only_when_confirmed_and_few():
     assert outcome(document(crowd), hidden(COULOMB)) == "wrong_family"
 
 
+def test_one_base_parameter_is_one_alias_wherever_it_is_said():
+    """The inertia of a link beyond a joint, where what is hidden is that of another link or a motor."""
+    there = ("joint_friction", "joint1", "friction", "coulomb")
+    delay = cause("actuator_delay", "joint1", "actuator", "delay", aliases=[there, VISCOUS])
+    delay["aliases"][0]["also_at"] = ["joint2", "joint3"]
+    assert outcome(document(delay), hidden(COULOMB)) == "right_by_alias"
+    assert outcome(document(delay), hidden(COULOMB), confirmed=False) == "wrong_family"
+    same = cause(*there, "coulomb")
+    assert outcome(document(same), hidden(COULOMB)) == "wrong_family"
+    assert outcome(document({**same, "also_at": ["joint2"]}), hidden(COULOMB)) == "right_by_alias"
+
+
 @pytest.mark.parametrize(("shape", "fitted"), [("delay", None), (None, "delay")])
 def test_what_is_named_is_confirmed_with_its_shape(shape, fitted):
     """Or with the one that was fitted where none is named."""
