@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +13,9 @@ from scipy.stats import chi2
 from smsid.diagnose.score_test import EXCITED, least_squares
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.friction_law import SMOOTHING
+from smsid.estimation.filter_run import FilterRun
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.kalman import run_filter
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
@@ -154,16 +157,19 @@ def _group_tests(named: Sequence[Named]) -> Iterator[Sequence[Named]]:
 
 def whiteness(found: MapFit) -> list[SpecificationTest]:
     """Return the test of Ljung and Box on every channel's innovations; less what an error of shape, as likely
-    as can be, explains of them where that of a law is left open.
+    as can be, explains of them where that of a law is left open. Errors of a shape are not white, nor is what
+    they shake: neither channels of its joint are asked, nor those with `THRESHOLDS.shaken` of their variance
+    by them.
     """
     e, used = found.run.innovations, found.run.used
-    out = []
+    out, shaken = [], np.zeros(e.shape[1])
     if found.problem.noise.shapes:
         errors = found.shape_error_basis
         e = e - (errors @ (errors.T @ e.ravel())).reshape(e.shape)
-    left_open = tuple(f"[{joint}]" for joint in open_joints(found))  # errors of a shape are not white
+        shaken = _shaken(found)
+    left_open = tuple(f"[{joint}]" for joint in open_joints(found))
     for row, name in enumerate(found.problem.data.names):
-        if name.endswith(left_open):
+        if name.endswith(left_open) or shaken[row] > THRESHOLDS.shaken:
             continue
         x = e[used[:, row], row]
         n = len(x)
@@ -178,6 +184,25 @@ def whiteness(found: MapFit) -> list[SpecificationTest]:
         ratio = n * (n + 2.0) * float((r**2 / (n - np.arange(1, LAGS + 1))).sum())
         out.append(SpecificationTest(name, PAST, ratio, LAGS, location=name))
     return out
+
+
+def _shaken(found: MapFit) -> np.ndarray:
+    """Return which share of the variance of every component's prediction (rows,) the torques of laws make
+    whose shape is left open.
+    """
+    exact, at = replace(found.problem, noise=replace(found.problem.noise, shapes=())), found.changes
+    runs = run_filter(at.model, at_point(at.point, exact)), found.run
+    own, whole = (_variances(run) for run in runs)
+    return 1.0 - own / np.where(whole > 0.0, whole, np.inf)
+
+
+def _variances(run: FilterRun) -> np.ndarray:
+    """Return the median variance of every component's prediction errors (rows,), zero of one never read."""
+    told = run.used & (run.normalised != 0.0)
+    variance = (run.errors / np.where(told, run.normalised, 1.0)) ** 2
+    return np.array(
+        [np.median(x[there]) if there.any() else 0.0 for x, there in zip(variance.T, told.T, strict=True)]
+    )
 
 
 def band_tests(found: MapFit, factors: np.ndarray) -> list[SpecificationTest]:

@@ -53,6 +53,7 @@ def find_standing_causes(
     likeliest = fit_noise_of_unknown_inputs(last)
     stand = [
         not impossible(told)
+        and not told.also_at
         and all((a.location, a.family) == (told.location, told.family) for a in told.aliases)
         and (mostly or not here)
         and (found.misfit or not own_component_left(found, cause))

@@ -9,7 +9,8 @@ import pytest
 from smsid.diagnose import open_shape
 from smsid.diagnose.open_shape import may_be_open
 from smsid.diagnose.score_test import Candidate
-from smsid.diagnose.specification_tests import LAGS, adequacy, open_joints, whiteness
+from smsid.diagnose.specification_tests import LAGS, _shaken, adequacy, open_joints, whiteness
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects import JointFriction, TorqueGain
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import Sensitivity, propagate
@@ -141,6 +142,23 @@ def test_what_an_error_of_shape_cannot_do_is_still_found(opened):
 
     assert ratio(closed) > 50.0
     assert ratio(off) > 0.8 * ratio(closed)
+
+
+@pytest.mark.parametrize(("sigma", "asked"), [(1e-4, True), (0.3, False)])
+def test_what_errors_of_shape_shake_need_not_be_white(known, problem, opened, sigma, asked):
+    """A light link beyond a joint whose friction is open had half the variance of its tachometer by that, and
+    friction told to 3 % stood beside "its own past".
+    """
+    ((dof, _),) = opened.problem.noise.shapes
+    loud = replace(problem, noise=replace(problem.noise, shapes=((dof, sigma),)))
+    found = evaluate(known.point, known.unknowns, loud)
+    names = [n for n in problem.data.names if not n.endswith(f"[{JOINT}]")]
+    near = "encoder.joint_velocity[joint3]"
+    assert (near in {t.where for t in whiteness(found)}) is asked
+    shares = dict(zip(problem.data.names, _shaken(found), strict=True))
+    assert all(-1e-9 < shares[n] < 1.0 for n in names)
+    assert (shares[near] > THRESHOLDS.shaken) is not asked
+    assert {t.where for t in whiteness(found)} <= {n for n in names if shares[n] <= THRESHOLDS.shaken}
 
 
 def test_beside_an_open_shape_memory_has_the_size_it_says(opened):
