@@ -198,7 +198,7 @@ def eliminate_backward(
     levels: DetectionThresholds,
     tried: int,
     proven: Collection[tuple[str, str, str]] = (),
-    unsettled: Collection[tuple[str, str, str]] = (),
+    recheck: Collection[tuple[str, str, str]] = (),
 ) -> tuple[list[Cause], MapFit]:
     """Leave out causes that the others made unnecessary, by Wald's statistic: of all parameters, or of those
     that make it do something; or as each of these may be zero by itself.
@@ -206,7 +206,7 @@ def eliminate_backward(
     One that is far from doing nothing as far as its further parameters are what they are (the gap of a
     backlash, which goes with the torque of its crossing) is left out only where it is not missed. Those
     ``proven``, by key, where misfit did not hide them, stay unless they may as well be nothing. Those
-    ``unsettled`` were chosen beside a cause that has given way since, and may make up for what it lacked:
+    ``recheck`` were chosen beside a cause that has given way since, and may make up for what it lacked:
     whether they are missed, a fit without them tells, however far they are from nothing. One that has come to
     a value that cannot be is the first to go, missed or not: beside it the others bend.
     """
@@ -216,7 +216,7 @@ def eliminate_backward(
 
     def doubtful(cause: Cause) -> bool:
         own = cause.score.candidate
-        if is_absurd(cause) or own.key in unsettled or each_may_be_zero(last, own):
+        if is_absurd(cause) or own.key in recheck or each_may_be_zero(last, own):
             return True
         whole = float(chi2.sf(wald(last, own), len(own.free)))
         alone = float(chi2.sf(wald(last, own, strength=True), sum(strengths(own))))

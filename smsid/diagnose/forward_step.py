@@ -91,7 +91,7 @@ class SearchState:
         # whether the noise is finer now than when the last cause was chosen
         self._finer = bool(known)
         # keys of causes that were chosen beside one that has given way since
-        self._unsettled: frozenset[tuple[str, str, str]] = frozenset()
+        self._recheck: frozenset[tuple[str, str, str]] = frozenset()
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}
         self.scores = self._score_remaining()
@@ -210,14 +210,14 @@ class SearchState:
             exchange=told, last_too=self._finer, settled=self._settled,
         )  # fmt: skip
         left = next((i for i, c in enumerate(self.causes) if c.score.candidate.key != before[i]), len(before))
-        self._unsettled = frozenset(before[left + 1 :])
+        self._recheck = frozenset(before[left + 1 :])
         self.take(found)
 
     def prune(self) -> bool:
         """Drop the causes that the others have made needless; return whether any was."""
         self.causes, found = eliminate_backward(
             self.causes, self.current, self.nominal, self._asked, len(self.candidates), self._proven,
-            self._unsettled,
+            self._recheck,
         )  # fmt: skip
         return self.take(found)
 

@@ -57,7 +57,7 @@ class Value:
         return f"+- {NORMAL95 * self.sigma:.2g}"
 
 
-def alike(place: str, others: Sequence[str]) -> str:
+def place_in_words(place: str, others: Sequence[str]) -> str:
     """Return a place in words, with others where the same error would do the same."""
     return place + (f" ({', '.join(others)} alike)" if others else "")
 
@@ -81,7 +81,7 @@ class Alias:
     @property
     def places(self) -> str:
         """Where it is, and where it may be as well, in words."""
-        return alike(self.location, self.also_at)
+        return place_in_words(self.location, self.also_at)
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class FoundCause:
     @property
     def places(self) -> str:
         """Where it is, and where it may be as well, in words."""
-        return alike(self.location, self.also_at)
+        return place_in_words(self.location, self.also_at)
 
 
 @dataclass(frozen=True)

@@ -158,18 +158,18 @@ def _group_tests(named: Sequence[Named]) -> Iterator[Sequence[Named]]:
 def whiteness(found: MapFit) -> list[SpecificationTest]:
     """Return the test of Ljung and Box on every channel's innovations; less what an error of shape, as likely
     as can be, explains of them where that of a law is left open. Errors of a shape are not white, nor is what
-    they shake: neither channels of its joint are asked, nor those with `THRESHOLDS.shaken` of their variance
+    they shake: neither channels of its joint are asked, nor those with `THRESHOLDS.shape_share` of their variance
     by them.
     """
     e, used = found.run.innovations, found.run.used
-    out, shaken = [], np.zeros(e.shape[1])
+    out, shares = [], np.zeros(e.shape[1])
     if found.problem.noise.shapes:
         errors = found.shape_error_basis
         e = e - (errors @ (errors.T @ e.ravel())).reshape(e.shape)
-        shaken = _shaken(found)
+        shares = _share_of_shape_errors(found)
     left_open = tuple(f"[{joint}]" for joint in open_joints(found))
     for row, name in enumerate(found.problem.data.names):
-        if name.endswith(left_open) or shaken[row] > THRESHOLDS.shaken:
+        if name.endswith(left_open) or shares[row] > THRESHOLDS.shape_share:
             continue
         x = e[used[:, row], row]
         n = len(x)
@@ -186,7 +186,7 @@ def whiteness(found: MapFit) -> list[SpecificationTest]:
     return out
 
 
-def _shaken(found: MapFit) -> np.ndarray:
+def _share_of_shape_errors(found: MapFit) -> np.ndarray:
     """Return which share of the variance of every component's prediction (rows,) the torques of laws make
     whose shape is left open.
     """

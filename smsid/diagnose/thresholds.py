@@ -88,7 +88,7 @@ class DetectionThresholds:
     power: float = _row(0.95, "chance", "with which an effect as strong as its limit is found", "convention")
     in_turn: float = _row(1.0, "s", "between beginnings of one family: pieces of a drift")
     curved: float = _row(1.5, "1", "times what its slopes promise that a fit may gain")
-    shaken: float = _row(
+    shape_share: float = _row(
         0.05, "of the variance", "by errors of a shape left open, above which a channel need not be white"
     )
     steps_seen: float = _row(4.0, "squares", "of errors of integration in the innovations: steps are halved")

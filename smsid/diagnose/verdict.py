@@ -67,7 +67,7 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
         begun, recording = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not is_sibling(s.candidate, own)]
-    also_at, errors = _by_error(cause.score, others)
+    also_at, errors = group_equivalent(cause.score, others)
     told = [*((s, c, ()) for s, c in siblings[: max(1, THRESHOLDS.aliases - len(errors))]), *errors]
     aliases = tuple(replace(alias(own, s.candidate, c), also_at=where) for s, c, where in told)
     return FoundCause(
@@ -141,7 +141,7 @@ def _assumed_parameters(found: Search, candidate: Candidate) -> list[Unknown]:
     ]
 
 
-def _by_error(
+def group_equivalent(
     own: Score, others: Sequence[tuple[Score, float]]
 ) -> tuple[tuple[str, ...], list[tuple[Score, float, tuple[str, ...]]]]:
     """Return where else a cause may be as well, and its aliases, each with where else that may be.

@@ -124,7 +124,7 @@ class Effect(StrictTable):
         """
         return ()
 
-    def unresolved(self) -> str:
+    def why_unresolved(self) -> str:
         """Return in words what of it, as its values are, is within what its law does not resolve; else
         nothing.
         """

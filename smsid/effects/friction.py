@@ -176,7 +176,7 @@ class JointFriction(JointEffect, Starting):
         """Return it with more laws to identify."""
         return self.model_copy(update={"laws": tuple(dict.fromkeys((*self.laws, *laws)))})
 
-    def unresolved(self) -> str:
+    def why_unresolved(self) -> str:
         """Return that Stribeck's curve falls before the sign has turned: what it does is the sign's shape."""
         least = TURNED * self.smoothing
         if not self.stribeck or self.stribeck_rate >= least:

@@ -37,7 +37,7 @@ def left(
     zero=False,
     absurd="",
     beside=("joint2",),
-    unsettled=(),
+    recheck=(),
 ):
     """Where the causes are that stay of two, of which the first's strength has a statistic ``alone``.
 
@@ -70,7 +70,7 @@ def left(
     monkeypatch.setattr("smsid.diagnose.exchange_step.fit", refitted)
     kept, _ = eliminate_backward(
         [cause(x) for x in ("joint1", *beside)], fitted(0.0), fitted(1e6), DetectionThresholds(), 60, proven,
-        unsettled,
+        recheck,
     )  # fmt: skip
     return [c.score.candidate.location for c in kept]
 
@@ -117,8 +117,8 @@ def test_one_chosen_beside_what_has_given_way_stays_only_where_it_is_missed(monk
     told = dict.fromkeys(("held", "whole", "alone"), 1000.0)
     first = {cause("joint1").score.candidate.key}
     assert left(monkeypatch, **told, rest=2.0) == ["joint1", "joint2"]
-    assert left(monkeypatch, **told, rest=2.0, unsettled=first) == ["joint2"]
-    assert left(monkeypatch, **told, rest=3900.0, unsettled=first) == ["joint1", "joint2"]
+    assert left(monkeypatch, **told, rest=2.0, recheck=first) == ["joint2"]
+    assert left(monkeypatch, **told, rest=3900.0, recheck=first) == ["joint1", "joint2"]
 
 
 def test_one_with_a_value_that_cannot_be_goes_first_and_missed_or_not(monkeypatch):

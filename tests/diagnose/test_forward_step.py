@@ -251,7 +251,7 @@ def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world,
         kept.append(set(settled))
         return list(causes), state.current
 
-    def left_out(causes, last, nominal, levels, tried, proven, unsettled):
+    def left_out(causes, last, nominal, levels, tried, proven, recheck):
         kept.append(set(proven))
         return list(causes), last
 
@@ -288,10 +288,10 @@ def test_rivals_take_a_place_only_where_all_they_do_is_seen(world, monkeypatch, 
     state._finer, state.fitted = True, replace(state.fitted, misfit=misfit, unknown=unknown)
     state.close()
     assert calls == [told]
-    assert not state._unsettled, "none has given way"
+    assert not state._recheck, "none has given way"
 
 
-def test_what_was_chosen_beside_a_cause_that_gives_way_is_unsettled(world, monkeypatch):
+def test_what_was_chosen_beside_a_cause_that_gives_way_is_rechecked(world, monkeypatch):
     state, _ = world
     state.forward_step(), state.forward_step()
     early, gone, late, rival = (
@@ -305,13 +305,13 @@ def test_what_was_chosen_beside_a_cause_that_gives_way_is_unsettled(world, monke
     state.causes = [early, gone, late]
     monkeypatch.setattr(SearchState, "_there_always", lambda self: None)
     monkeypatch.setattr(rounds, "with_further", lambda *_: None)
-    for found, unsettled in (
+    for found, recheck in (
         ([early, gone, late], set()),
         ([early, rival, late], {late.score.candidate.key}),
     ):
         monkeypatch.setattr(rounds, "exchange_step", lambda causes, last, *_, to=found, **__: (to, last))
         state.close()
-        assert state._unsettled == unsettled
+        assert state._recheck == recheck
 
 
 @pytest.mark.parametrize(("finer", "judged"), [(True, [True]), (False, [])])

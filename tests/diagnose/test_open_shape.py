@@ -9,7 +9,7 @@ import pytest
 from smsid.diagnose import open_shape
 from smsid.diagnose.open_shape import may_be_open
 from smsid.diagnose.score_test import Candidate
-from smsid.diagnose.specification_tests import LAGS, _shaken, adequacy, open_joints, whiteness
+from smsid.diagnose.specification_tests import LAGS, _share_of_shape_errors, adequacy, open_joints, whiteness
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects import JointFriction, TorqueGain
 from smsid.estimation.map_estimate import evaluate
@@ -155,10 +155,10 @@ def test_what_errors_of_shape_shake_need_not_be_white(known, problem, opened, si
     names = [n for n in problem.data.names if not n.endswith(f"[{JOINT}]")]
     near = "encoder.joint_velocity[joint3]"
     assert (near in {t.where for t in whiteness(found)}) is asked
-    shares = dict(zip(problem.data.names, _shaken(found), strict=True))
+    shares = dict(zip(problem.data.names, _share_of_shape_errors(found), strict=True))
     assert all(-1e-9 < shares[n] < 1.0 for n in names)
-    assert (shares[near] > THRESHOLDS.shaken) is not asked
-    assert {t.where for t in whiteness(found)} <= {n for n in names if shares[n] <= THRESHOLDS.shaken}
+    assert (shares[near] > THRESHOLDS.shape_share) is not asked
+    assert {t.where for t in whiteness(found)} <= {n for n in names if shares[n] <= THRESHOLDS.shape_share}
 
 
 def test_beside_an_open_shape_memory_has_the_size_it_says(opened):

@@ -11,7 +11,7 @@ from smsid.diagnose.result import FoundCause
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.verdict import _by_error, _within_bounds, remaining_tests, verdict
+from smsid.diagnose.verdict import group_equivalent, _within_bounds, remaining_tests, verdict
 from smsid.estimation.parameter_vector import Unknown
 
 WHOLE = SimpleNamespace(left=(), misfit=False, causes=())
@@ -196,6 +196,6 @@ def test_errors_of_a_kind_that_do_all_the_cause_does_are_one_at_several_places()
     looks = at("body_error", "link3", "inertia", column + 0.1 * others[:, :1])
     motor, mass = at("motor", "joint1", "inertia", -column), at("body_error", "link4", "mass", column)
     near = [(s, 1.0) for s in (motor, second, looks, mass)]
-    assert _by_error(link, near) == (("link2",), [(motor, 1.0, ()), (looks, 1.0, ()), (mass, 1.0, ())])
+    assert group_equivalent(link, near) == (("link2",), [(motor, 1.0, ()), (looks, 1.0, ()), (mass, 1.0, ())])
     near = [(s, 1.0) for s in (second, looks, link)]
-    assert _by_error(motor, near) == ((), [(second, 1.0, ("link1",)), (looks, 1.0, ())])
+    assert group_equivalent(motor, near) == ((), [(second, 1.0, ("link1",)), (looks, 1.0, ())])
