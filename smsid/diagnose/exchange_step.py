@@ -206,7 +206,7 @@ def eliminate_backward(
     One that is far from doing nothing as far as its further parameters are what they are (the gap of a
     backlash, which goes with the torque of its crossing) is left out only where it is not missed. Those
     ``proven``, by key, where misfit did not hide them, stay unless they may as well be nothing. Those
-    ``recheck`` were chosen beside a cause that has given way since, and may make up for what it lacked:
+    to ``recheck`` were chosen beside a cause that has given way since, and may make up for what it lacked:
     whether they are missed, a fit without them tells, however far they are from nothing. One that has come to
     a value that cannot be is the first to go, missed or not: beside it the others bend.
     """

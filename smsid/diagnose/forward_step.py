@@ -90,7 +90,7 @@ class SearchState:
         self._alone: tuple[MapFit, bool] | None = None  # a fit, and whether it follows to the noise as stated
         # whether the noise is finer now than when the last cause was chosen
         self._finer = bool(known)
-        # keys of causes that were chosen beside one that has given way since
+        # keys of causes that were chosen beside one that has given way
         self._recheck: frozenset[tuple[str, str, str]] = frozenset()
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
         self._columns: dict[tuple[str, str, str], np.ndarray] = {}

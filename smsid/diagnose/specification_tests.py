@@ -158,8 +158,8 @@ def _group_tests(named: Sequence[Named]) -> Iterator[Sequence[Named]]:
 def whiteness(found: MapFit) -> list[SpecificationTest]:
     """Return the test of Ljung and Box on every channel's innovations; less what an error of shape, as likely
     as can be, explains of them where that of a law is left open. Errors of a shape are not white, nor is what
-    they shake: neither channels of its joint are asked, nor those with `THRESHOLDS.shape_share` of their variance
-    by them.
+    they shake: neither channels of its joint are asked, nor those with `THRESHOLDS.shape_share` of their
+    variance by them.
     """
     e, used = found.run.innovations, found.run.used
     out, shares = [], np.zeros(e.shape[1])

@@ -11,7 +11,7 @@ from smsid.diagnose.result import FoundCause
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.verdict import group_equivalent, _within_bounds, remaining_tests, verdict
+from smsid.diagnose.verdict import _within_bounds, group_equivalent, remaining_tests, verdict
 from smsid.estimation.parameter_vector import Unknown
 
 WHOLE = SimpleNamespace(left=(), misfit=False, causes=())
