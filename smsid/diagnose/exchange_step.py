@@ -73,10 +73,10 @@ def exchange_step(
         near = [s for s in scores if s.candidate.key != own.candidate.key]
         near = [s for s in near if not is_distinguishable(paid, s, samples, levels)]
         near.sort(key=lambda s: -s.odds(samples))
-        close = aliases_of(paid, near, samples)
+        judged = Cause.of(own, aliases_of(paid, near, samples), own.ratio).with_own_columns()
         if better is not None:
-            cause = Cause(own.with_own_columns(), (), own.ratio)
-        causes[i] = replace(cause, aliases=tuple((s.with_own_columns(), how) for s, how in close))
+            cause = judged
+        causes[i] = replace(cause, aliases=judged.aliases, equivalent=judged.equivalent)
     return causes, last
 
 

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from smsid.diagnose.plausibility import impossible_fit
 from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
-from smsid.diagnose.score_test import Candidate, Score, correlation, odds
+from smsid.diagnose.score_test import Candidate, Score, can_do_the_same, correlation, odds
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import chance_of_nothing
 from smsid.errors import SmsidError
@@ -34,12 +34,20 @@ OUT_OF_REACH = 0.01  # of what the best contender gains, by which another may fa
 class Cause:
     """An accepted candidate with its score, and those this experiment does not tell from it.
 
-    ``aliases`` pairs scores with their correlation; ``ratio`` is the likelihood ratio after the refit.
+    ``aliases`` pairs scores with their correlation, ``equivalent`` are the keys of those that can do all that
+    it does; ``ratio`` is the likelihood ratio after the refit.
     """
 
     score: Score
     aliases: tuple[tuple[Score, float], ...]
     ratio: float
+    equivalent: frozenset[tuple[str, str, str]] = frozenset()
+
+    @classmethod
+    def of(cls, score: Score, aliases: Sequence[tuple[Score, float]], ratio: float) -> Cause:
+        """Return an accepted score with its aliases, all of one fit."""
+        same = frozenset(s.candidate.key for s, _ in aliases if can_do_the_same(score, s))
+        return cls(score, tuple(aliases), ratio, same)
 
     def with_own_columns(self) -> Cause:
         """Return it with columns of its own: a fit that is left again, and all of its candidates', may go."""
@@ -148,7 +156,7 @@ def accept(
         near += [
             s for s in rivals if s not in contenders and not is_distinguishable(best, s, samples, levels)
         ]
-    return Cause(winner, aliases_of(winner, near, samples, reached), ratio).with_own_columns(), found
+    return Cause.of(winner, aliases_of(winner, near, samples, reached), ratio).with_own_columns(), found
 
 
 def simplest_law(best: Score, scores: Sequence[Score], samples: int, levels: DetectionThresholds) -> Score:

@@ -16,7 +16,7 @@ from smsid.diagnose.model_comparison import Cause, own_component
 from smsid.diagnose.noise_covariance import strays_by_row
 from smsid.diagnose.plausibility import impossible
 from smsid.diagnose.result import Alias, FoundCause, Limit, SignificantTest, Value, Verdict
-from smsid.diagnose.score_test import Candidate, Score, can_do_the_same
+from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
@@ -67,7 +67,7 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
         begun, recording = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not is_sibling(s.candidate, own)]
-    also_at, errors = group_equivalent(cause.score, others)
+    also_at, errors = group_equivalent(cause, others)
     told = [*((s, c, ()) for s, c in siblings[: max(1, THRESHOLDS.aliases - len(errors))]), *errors]
     aliases = tuple(replace(alias(own, s.candidate, c), also_at=where) for s, c, where in told)
     return FoundCause(
@@ -142,18 +142,19 @@ def _assumed_parameters(found: Search, candidate: Candidate) -> list[Unknown]:
 
 
 def group_equivalent(
-    own: Score, others: Sequence[tuple[Score, float]]
+    cause: Cause, others: Sequence[tuple[Score, float]]
 ) -> tuple[tuple[str, ...], list[tuple[Score, float, tuple[str, ...]]]]:
     """Return where else a cause may be as well, and its aliases, each with where else that may be.
 
     Errors of one kind that all can do what the cause does (the inertia about a joint of any link beyond it)
     are one base parameter to these recordings: one name, at several places.
     """
+    own = cause.score
     first = {own.candidate.key[::2]: own}
     places: dict[int, tuple[str, ...]] = {}
     errors = []
     for s, how in others:
-        same = can_do_the_same(own, s)
+        same = s.candidate.key in cause.equivalent
         one = first.setdefault(s.candidate.key[::2], s) if same else s
         if one is s:
             errors.append((s, how))

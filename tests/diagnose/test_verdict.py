@@ -196,6 +196,12 @@ def test_errors_of_a_kind_that_do_all_the_cause_does_are_one_at_several_places()
     looks = at("body_error", "link3", "inertia", column + 0.1 * others[:, :1])
     motor, mass = at("motor", "joint1", "inertia", -column), at("body_error", "link4", "mass", column)
     near = [(s, 1.0) for s in (motor, second, looks, mass)]
-    assert group_equivalent(link, near) == (("link2",), [(motor, 1.0, ()), (looks, 1.0, ()), (mass, 1.0, ())])
+    assert group_equivalent(Cause.of(link, near, 9.0), near) == (
+        ("link2",),
+        [(motor, 1.0, ()), (looks, 1.0, ()), (mass, 1.0, ())],
+    )
     near = [(s, 1.0) for s in (second, looks, link)]
-    assert group_equivalent(motor, near) == ((), [(second, 1.0, ("link1",)), (looks, 1.0, ())])
+    assert group_equivalent(Cause.of(motor, near, 9.0), near) == (
+        (),
+        [(second, 1.0, ("link1",)), (looks, 1.0, ())],
+    )
