@@ -5,22 +5,50 @@ one that others, found later, made unnecessary is left out.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import chi2
 
+from smsid.diagnose.merge_step import merge_step
 from smsid.diagnose.model_comparison import Cause, aliases_of, cost, is_distinguishable, refit
 from smsid.diagnose.plausibility import impossible_fit
-from smsid.diagnose.score_test import Candidate, Score, score_candidates, signatures
+from smsid.diagnose.score_test import Candidate, Score, score_candidates
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, strengths, wald
-from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.estimation.map_estimate import MapFit, evaluate, fit, prior_of
-from smsid.estimation.sensitivities import propagate
+from smsid.diagnose.without_cause import (
+    columns_by_key,
+    fit_without_cause,
+    score_of_cause,
+    without_cause,
+)
+from smsid.errors import SmsidError
+from smsid.estimation.map_estimate import MapFit, fit
 
 LOGGER = logging.getLogger(__name__)
+
+
+def judge_causes(
+    causes: Sequence[Cause],
+    last: MapFit,
+    nominal: MapFit,
+    candidates: Sequence[Candidate],
+    levels: DetectionThresholds,
+    *,
+    exchange: bool = True,
+    last_too: bool = False,
+    settled: Collection[tuple[str, str, str]] = (),
+) -> tuple[list[Cause], MapFit]:
+    """Return the causes as `merge_step`, with ``exchange``, and `exchange_step` leave them, and the fit."""
+    fewer, columns = list(causes), dict[tuple[str, str, str], np.ndarray]()
+    if exchange:
+        fewer, last, columns = merge_step(causes, last, nominal, candidates, levels, settled)
+    return exchange_step(
+        fewer, last, nominal, candidates, levels,
+        exchange=exchange, last_too=last_too or len(fewer) < len(causes), settled=settled, columns=columns,
+    )  # fmt: skip
 
 
 def exchange_step(
@@ -33,6 +61,7 @@ def exchange_step(
     exchange: bool = True,
     last_too: bool = False,
     settled: Collection[tuple[str, str, str]] = (),
+    columns: Mapping[tuple[str, str, str], np.ndarray] = MappingProxyType({}),
 ) -> tuple[list[Cause], MapFit]:
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
 
@@ -43,22 +72,23 @@ def exchange_step(
     scored on what it leaves, beside the other causes, by what they do along the motion as it is now: nominal
     parameters that stood in for the causes moved, and a ten-thousandth of what these took tells rivals
     apart. What was searched for is among them itself: its place and phase may be others beside the rest. The
-    last cause was chosen so; with ``last_too``, where the noise has become finer since, it is
-    judged again as well. Those ``settled``, by key, stay as they are.
+    last cause was chosen so; with ``last_too``, where the noise has become finer since, or it was chosen
+    beside others, it is judged again as well. Those ``settled``, by key, stay as they are. ``columns`` (N
+    rows, d) are those of the candidates along the motion, where they are known already.
     """
-    causes, columns = list(causes), {}
+    causes, columns = list(causes), dict(columns)
     for i, cause in enumerate(causes if last_too else causes[:-1]):
         if cause.score.candidate.key in settled:
             continue
         taken = {c.score.candidate.key for c in causes}
-        less = _taken_out(last, cause, nominal)
+        less = fit_without_cause(last, cause, nominal)
         if less is None:
             continue
         if less.point.model().nv != last.changes.model.nv:
-            known = _by_key(less, candidates)
+            known = columns_by_key(less, candidates)
         else:
-            columns = known = columns or _by_key(last, candidates)
-        own = _cause_score(last, less, cause)
+            columns = known = columns or columns_by_key(last, candidates)
+        own = score_of_cause(last, less, cause)
         if type(cause.score.candidate) is not Candidate:
             taken.discard(cause.score.candidate.key)
         rivals = [c for c in candidates if c.key in known and c.key not in taken]
@@ -80,11 +110,6 @@ def exchange_step(
     return causes, last
 
 
-def _by_key(found: MapFit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
-    """Return the whitened columns (N rows, d) of every candidate that has any."""
-    return {candidates[i].key: c for i, c in signatures(found, candidates).items()}
-
-
 def recompute_evidence(causes: Sequence[Cause], last: MapFit, nominal: MapFit) -> list[Cause]:
     """Return the causes with the ratios they have in a fit to finer noise than they were found with.
 
@@ -93,83 +118,13 @@ def recompute_evidence(causes: Sequence[Cause], last: MapFit, nominal: MapFit) -
     """
     causes = list(causes)
     for i, cause in enumerate(causes):
-        less = _taken_out(last, cause, nominal)
+        less = fit_without_cause(last, cause, nominal)
         if less is None:
             continue
-        own = _cause_score(last, less, cause)
+        own = score_of_cause(last, less, cause)
         LOGGER.info("%s: ratio %.1f, now %.1f", cause.score.candidate.key, cause.ratio, own.ratio)
         causes[i] = replace(cause, ratio=max(cause.ratio, own.ratio))
     return causes
-
-
-def _taken_out(last: MapFit, cause: Cause, nominal: MapFit) -> MapFit | None:
-    """Return a fit less a cause to first order; refitted, where how it moves itself is not of first order."""
-    try:
-        less = without_cause(last, cause.score.candidate, nominal)
-        if less.point.model().nv != last.changes.model.nv:
-            less = fit(less.point, less.unknowns, less.problem, iterations=8)
-    except (SmsidError, np.linalg.LinAlgError) as error:
-        LOGGER.info("%s is not taken out: %s", cause.score.candidate.key, error)
-        return None
-    return less
-
-
-def without_cause(found: MapFit, candidate: Candidate, nominal: MapFit) -> MapFit:
-    """Return a fit less a cause, to first order: what its effect does along the motion is left again. Of one
-    that moves by itself, without which there is less to move, it is filtered again.
-
-    Its parameters are bound by their priors again, or no longer there; the others are free to make up for it,
-    but do not yet. Raises `SimulationError` where that cannot be filtered.
-    """
-    own = candidate.parameters
-    point, run, effect = found.point, found.run, candidate.effect
-    if effect is None:
-        bound = {u.name: u for u in nominal.unknowns}
-        unknowns, whitened = tuple(bound.get(u.name, u) for u in found.unknowns), found.whitened
-        unknowns = tuple(b if b.name in own else u for b, u in zip(unknowns, found.unknowns, strict=True))
-    else:
-        kept = [i for i, u in enumerate(found.unknowns) if u.name not in own]
-        unknowns, whitened = tuple(found.unknowns[i] for i in kept), found.whitened[:, :, kept]
-        mine, stated = candidate.instance(point), {p.name: p.value for p in effect.parameters()}
-        plain = mine.with_values({n: stated[n] for n in candidate.free})
-        try:
-            done = propagate(run, [found.changes.effect(plain, mine, 1.0)])[:, :, 0]
-        except NotIdentifiableError:  # its own motion goes with it
-            done = None
-        point = point.with_effect(plain)
-        known = {e.name for e in nominal.point.description.effect}
-        if effect.name not in known and not any(u.name.startswith(f"{effect.name}.") for u in unknowns):
-            others = tuple(e for e in point.description.effect if e.name != effect.name)
-            point = replace(point, description=point.description.model_copy(update={"effect": others}))
-        if done is None:
-            return evaluate(point, unknowns, found.problem)
-        run = replace(run, innovations=run.innovations + done)
-    flat, prior = whitened.reshape(-1, len(unknowns)), prior_of(point, unknowns, found.problem)
-    gram = flat.T @ flat + prior.rows.T @ prior.rows
-    slope = flat.T @ run.innovations.ravel() - prior.rows.T @ prior.off
-    less = MapFit(point, unknowns, found.problem, run, whitened, gram, slope, 0.0, found.changes, prior)
-    more = float(less.residual @ less.residual - found.residual @ found.residual)
-    return replace(less, objective=found.objective + 0.5 * more)
-
-
-def _cause_score(last: MapFit, less: MapFit, cause: Cause) -> Score:
-    """Return the score of a cause beside the others: what the fit loses without it."""
-    index = [i for i, u in enumerate(last.unknowns) if u.name in cause.score.candidate.free]
-    columns = last.whitened[:, :, index].reshape(-1, len(index))
-    (beside,) = less.projected([columns])
-    return replace(
-        cause.score,
-        ratio=_residual_squares(less) - _residual_squares(last),
-        columns=beside.left,
-        taken=beside.taken,
-    )
-
-
-def _residual_squares(found: MapFit) -> float:
-    """Return the sum of squares that no step of the fitted parameters takes away."""
-    q, _ = found.factors
-    within = q.T @ found.residual
-    return float(found.residual @ found.residual - within @ within)
 
 
 def _best_rival_fit(

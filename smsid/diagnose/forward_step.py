@@ -18,7 +18,7 @@ from smsid.diagnose.change_point import (
     sync_onset,
     with_onset,
 )
-from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
+from smsid.diagnose.exchange_step import eliminate_backward, judge_causes, recompute_evidence
 from smsid.diagnose.misfit_proof import follows, is_hopeful, with_what_it_lacks
 from smsid.diagnose.model_comparison import (
     Cause,
@@ -205,12 +205,13 @@ class SearchState:
         while told and (larger := with_further(self.current, self.causes)) is not None:
             self.take(larger)
         before = [c.score.candidate.key for c in self.causes]
-        self.causes, found = exchange_step(
+        self.causes, found = judge_causes(
             self.causes, self.current, self.nominal, self.candidates, self.levels,
             exchange=told, last_too=self._finer, settled=self._settled,
         )  # fmt: skip
-        left = next((i for i, c in enumerate(self.causes) if c.score.candidate.key != before[i]), len(before))
-        self._recheck = frozenset(before[left + 1 :])
+        now = frozenset(c.score.candidate.key for c in self.causes)
+        gone = next((i for i, key in enumerate(before) if key not in now), len(before))
+        self._recheck = now.intersection(before[gone:])
         self.take(found)
 
     def prune(self) -> bool:

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.exchange_step import without_cause
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
+from smsid.diagnose.without_cause import without_cause
 from smsid.errors import SmsidError
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_timing import CLEAR_GAIN, timings

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.exchange_step import without_cause
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.plausibility import impossible
@@ -22,6 +21,7 @@ from smsid.diagnose.unknown_input import NEAR, fit_noise_of_unknown_inputs, with
 from smsid.diagnose.unknown_structure import but_for_a_structure
 from smsid.diagnose.verdict import causes, own_component_left
 from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, strengths
+from smsid.diagnose.without_cause import without_cause
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import MapFit, fit
 

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence, without_cause
+from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
 from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.merge_step import merge_step
 from smsid.diagnose.model_comparison import Cause, refit
 from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.thresholds import DetectionThresholds
+from smsid.diagnose.without_cause import without_cause
 from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
@@ -67,6 +69,28 @@ def test_the_right_shape_takes_the_place_of_the_wrong_one(pair, first):
     assert (last is current) == (first == "coulomb")
     assert last.point.description.get_effect("joint_friction_joint2").viscous == 0.0
     assert not {"viscous", "coulomb"} & {s.candidate.shape for s, _ in found[0].aliases}
+
+
+def test_one_cause_takes_the_place_of_two_whose_work_it_does(pair, monkeypatch):
+    """A motor's gain at one joint was those of two others, of the other sign; not where one of them is still
+    seen beside it.
+    """
+    nominal, candidates = pair
+    causes, current = with_causes(nominal, candidates, [(*FRICTION, "viscous"), GAIN])
+    args = nominal, candidates, DetectionThresholds()
+    found, last, _ = merge_step(causes, current, *args)
+    assert [c.score.candidate.key for c in found] == [(*FRICTION, "coulomb")]
+    assert {u.name for u in last.unknowns} - {u.name for u in nominal.unknowns} == {
+        "joint_friction_joint2.coulomb"
+    }
+    assert last.objective < current.objective
+    kept, same, columns = merge_step(causes, current, *args, settled=[GAIN])
+    assert kept == causes and same is current and not columns
+    right, last = with_causes(nominal, candidates, [(*FRICTION, "coulomb"), GAIN])
+    kept, same, columns = merge_step(right, last, *args)
+    assert kept == right and same is last and (*FRICTION, "viscous") in columns
+    monkeypatch.setattr("smsid.diagnose.merge_step._is_left", lambda *_: True)
+    assert merge_step(causes, current, *args)[0] == causes
 
 
 def test_a_strong_cause_is_judged_by_what_its_siblings_do_now(description, known):

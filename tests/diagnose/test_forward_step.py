@@ -255,7 +255,7 @@ def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world,
         kept.append(set(proven))
         return list(causes), last
 
-    monkeypatch.setattr(rounds, "exchange_step", judged)
+    monkeypatch.setattr(rounds, "judge_causes", judged)
     monkeypatch.setattr(rounds, "eliminate_backward", left_out)
     state._finer = True
     state.close()
@@ -280,11 +280,11 @@ def test_rivals_take_a_place_only_where_all_they_do_is_seen(world, monkeypatch, 
     state.forward_step(), state.forward_step()
     calls = []
 
-    def exchange_step(causes, last, *_, exchange, **__):
+    def judge_causes(causes, last, *_, exchange, **__):
         calls.append(exchange)
         return causes, last
 
-    monkeypatch.setattr(rounds, "exchange_step", exchange_step)
+    monkeypatch.setattr(rounds, "judge_causes", judge_causes)
     state._finer, state.fitted = True, replace(state.fitted, misfit=misfit, unknown=unknown)
     state.close()
     assert calls == [told]
@@ -309,7 +309,7 @@ def test_what_was_chosen_beside_a_cause_that_gives_way_is_rechecked(world, monke
         ([early, gone, late], set()),
         ([early, rival, late], {late.score.candidate.key}),
     ):
-        monkeypatch.setattr(rounds, "exchange_step", lambda causes, last, *_, to=found, **__: (to, last))
+        monkeypatch.setattr(rounds, "judge_causes", lambda causes, last, *_, to=found, **__: (to, last))
         state.close()
         assert state._recheck == recheck
 
@@ -320,11 +320,11 @@ def test_the_only_cause_is_judged_again_where_the_noise_is_finer(world, monkeypa
     asked.finer = finer
     calls = []
 
-    def exchange_step(causes, last, nominal, candidates, levels, *, exchange, last_too, settled):
+    def judge_causes(causes, last, nominal, candidates, levels, *, exchange, last_too, settled):
         calls.append(last_too and exchange)
         return list(causes), last
 
-    monkeypatch.setattr(rounds, "exchange_step", exchange_step)
+    monkeypatch.setattr(rounds, "judge_causes", judge_causes)
     state.close()
     assert calls == []  # no cause yet
     state.forward_step()
@@ -338,11 +338,11 @@ def test_after_an_exchange_scores_are_those_of_the_causes_that_are_left(world, m
     state.forward_step()
     state.forward_step()
 
-    def exchange_step(causes, *_, **__):
+    def judge_causes(causes, *_, **__):
         (other,) = (s for s in state.scores if s.candidate.key == OTHER)
         return [replace(causes[0], score=other)], asked.at("exchanged")
 
-    monkeypatch.setattr(rounds, "exchange_step", exchange_step)
+    monkeypatch.setattr(rounds, "judge_causes", judge_causes)
     state.close()
     assert {s.candidate.key for s in state.scores} == {FOUND, VAIN}
     assert asked.scored[-1][0] == "exchanged"
@@ -428,7 +428,7 @@ def test_a_cause_is_all_it_can_be_before_a_rival_is_told_from_it(world, monkeypa
         return list(causes), current
 
     monkeypatch.setattr(rounds, "with_further", further)
-    monkeypatch.setattr(rounds, "exchange_step", exchange)
+    monkeypatch.setattr(rounds, "judge_causes", exchange)
     state.close()
     assert steps[-1] == ("exchange", "with its width") and steps[-2][0] == "further"
     assert state.current.name == "with its width"
