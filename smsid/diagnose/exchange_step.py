@@ -21,6 +21,7 @@ from smsid.diagnose.wald_test import chance_of_nothing, each_may_be_zero, streng
 from smsid.diagnose.without_cause import (
     columns_by_key,
     fit_without_cause,
+    rivals_beside,
     score_of_cause,
     without_cause,
 )
@@ -91,7 +92,8 @@ def exchange_step(
         own = score_of_cause(last, less, cause)
         if type(cause.score.candidate) is not Candidate:
             taken.discard(cause.score.candidate.key)
-        rivals = [c for c in candidates if c.key in known and c.key not in taken]
+        others = [c for c in causes if c is not cause]
+        rivals = [c for c in rivals_beside(candidates, others) if c.key in known and c.key not in taken]
         scores = score_candidates(less, rivals, [known[c.key] for c in rivals])
         better = _best_rival_fit(less, last, own, scores, levels) if exchange else None
         if better is not None:
@@ -132,7 +134,7 @@ def _best_rival_fit(
 ) -> tuple[Score, MapFit] | None:
     """Return the best rival and its fit where it gains clearly more than the cause, refitted too."""
     samples = last.run.samples
-    best = max(scores, key=lambda s: s.information_gain(samples), default=None)
+    best = max((s for s in scores if s.freedom), key=lambda s: s.information_gain(samples), default=None)
     if best is None or best.information_gain(samples) - own.ratio + cost(less, own, last) < levels.alias:
         return None
     found = refit(less, best)
@@ -160,10 +162,10 @@ def eliminate_backward(
 
     One that is far from doing nothing as far as its further parameters are what they are (the gap of a
     backlash, which goes with the torque of its crossing) is left out only where it is not missed. Those
-    ``proven``, by key, where misfit did not hide them, stay unless they may as well be nothing. Those
-    to ``recheck`` were chosen beside a cause that has given way since, and may make up for what it lacked:
-    whether they are missed, a fit without them tells, however far they are from nothing. One that has come to
-    a value that cannot be is the first to go, missed or not: beside it the others bend.
+    ``proven``, by key, where misfit did not hide them, stay unless they may as well be nothing. Those to
+    ``recheck`` were chosen beside a cause that was replaced since, and may make up for what it lacked: a fit
+    without them tells whether they are missed, however far they are from nothing. One that has come to a
+    value that cannot be is the first to go, missed or not: beside it the others bend.
     """
 
     def is_absurd(cause: Cause) -> bool:

@@ -211,7 +211,7 @@ class SearchState:
         )  # fmt: skip
         now = frozenset(c.score.candidate.key for c in self.causes)
         gone = next((i for i, key in enumerate(before) if key not in now), len(before))
-        self._recheck = now.intersection(before[gone:])
+        self._recheck = now & self._recheck.union(before[gone:])
         self.take(found)
 
     def prune(self) -> bool:

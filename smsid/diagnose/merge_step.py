@@ -11,8 +11,10 @@ import numpy as np
 
 from smsid.diagnose.model_comparison import Cause, cost, refit
 from smsid.diagnose.score_test import Candidate, score_candidates, signatures
+from smsid.diagnose.specification_tests import open_joints
 from smsid.diagnose.thresholds import DetectionThresholds
-from smsid.diagnose.without_cause import columns_by_key, residual_squares, without_cause
+from smsid.diagnose.wald_test import chance_of_nothing
+from smsid.diagnose.without_cause import columns_by_key, residual_squares, rivals_beside, without_cause
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import MapFit
 
@@ -47,15 +49,17 @@ def merge_step(
         if less.point.model().nv != last.changes.model.nv:  # how one moves itself is not of first order
             continue
         columns = columns or columns_by_key(last, candidates)
-        rivals = [c for c in candidates if c.key in columns and c.key not in taken]
+        others = [c for c in causes if not any(c is x for x in pair)]
+        beside = [c for c in rivals_beside(candidates, others) if c.location not in open_joints(last)]
+        rivals = [c for c in beside if c.key in columns and c.key not in taken]
         scores = score_candidates(less, rivals, [columns[c.key] for c in rivals])
-        best = max(scores, key=lambda s: s.information_gain(samples), default=None)
+        best = max((s for s in scores if s.freedom), key=lambda s: s.information_gain(samples), default=None)
         explained = residual_squares(less) - residual_squares(last)
         spared = sum(cost(less, c.score, last) for c in pair)
         if best is None or best.information_gain(samples) - explained + spared < levels.alias:
             continue
-        found = refit(less, best)
-        if found is None:
+        found = refit(less, best, last.objective + 0.5 * (spared - levels.alias))
+        if found is None or chance_of_nothing(found, best.candidate, less) > levels.candidate:  # it ran away
             continue
         gained = 2.0 * (last.objective - found.objective)
         names = [c.score.candidate.key for c in pair]
@@ -65,7 +69,7 @@ def merge_step(
         ):
             continue
         one = Cause(replace(best, ratio=explained + gained).with_own_columns(), (), explained + gained)
-        return [one, *(c for c in causes if not any(c is x for x in pair))], found, {}
+        return [one, *others], found, {}
     return list(causes), last, columns
 
 

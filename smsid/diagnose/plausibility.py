@@ -47,4 +47,7 @@ def impossible_fit(found: MapFit, candidate: Candidate) -> str:
     )
     told = candidate.kind, candidate.location, candidate.family, candidate.shape
     absurd = impossible(FoundCause(*told, values, (), {}))
-    return absurd if absurd or candidate.effect is None else candidate.instance(found.point).why_unresolved()
+    if absurd or candidate.effect is None:
+        return absurd
+    fields = [n.partition(".")[2] for n in candidate.free]
+    return candidate.instance(found.point).why_unresolved(fields)

@@ -58,7 +58,7 @@ class Value:
 
 
 def place_in_words(place: str, others: Sequence[str]) -> str:
-    """Return a place in words, with others where the same error would do the same."""
+    """Return a place in words, with others where the same error can do all that it does."""
     return place + (f" ({', '.join(others)} alike)" if others else "")
 
 
@@ -87,10 +87,11 @@ class Alias:
 @dataclass(frozen=True)
 class FoundCause:
     """A named cause. ``shape`` is ``None`` when its siblings are not rejected: ``fitted`` says which of them
-    the parameters are of. ``also_at`` are places where the same error does the same to every reading: of
-    base parameters, they are one with it. ``onset`` [s] if it began midway, and its standard deviation, which
-    those of the parameters contain. ``evidence``: likelihood ratio, degrees of freedom, corrected p-value.
-    ``recording``: where several were searched, the one it began in, or the only one it is in.
+    the parameters are of. ``also_at`` are places where an error of the same kind can do all that it does to
+    these readings: of base parameters, they are one with it. ``onset`` [s] if it began midway, and its
+    standard deviation, which those of the parameters contain. ``evidence``: likelihood ratio, degrees of
+    freedom, corrected p-value. ``recording``: where several were searched, the one it began in, or the only
+    one it is in.
     """
 
     effect: str

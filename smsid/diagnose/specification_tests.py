@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -13,6 +14,7 @@ from scipy.stats import chi2
 from smsid.diagnose.score_test import EXCITED, least_squares
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects.friction_law import SMOOTHING
+from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
@@ -20,6 +22,7 @@ from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
 from smsid.simulate.trajectory import States
 
+LOGGER = logging.getLogger(__name__)
 TIME_TERMS = 6
 RIPPLE = range(3, 13)
 LAGS = 8
@@ -188,10 +191,14 @@ def whiteness(found: MapFit) -> list[SpecificationTest]:
 
 def _share_of_shape_errors(found: MapFit) -> np.ndarray:
     """Return which share of the variance of every component's prediction (rows,) the torques of laws make
-    whose shape is left open.
+    whose shape is left open; none where the motion is lost without them.
     """
     exact, at = replace(found.problem, noise=replace(found.problem.noise, shapes=())), found.changes
-    runs = run_filter(at.model, at_point(at.point, exact)), found.run
+    try:
+        runs = run_filter(at.model, at_point(at.point, exact)), found.run
+    except SmsidError as error:
+        LOGGER.info("what errors of shape shake is not known: %s", error)
+        return np.zeros(found.problem.data.rows)
     own, whole = (_variances(run) for run in runs)
     return 1.0 - own / np.where(whole > 0.0, whole, np.inf)
 

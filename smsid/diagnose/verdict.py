@@ -368,8 +368,9 @@ def _may_be_nothing(found: Search, cause: Cause) -> str:
     own = cause.score.candidate
     able = {name for name, makes in zip(own.free, strengths(own), strict=True) if makes}
     for u in found.last.unknowns:
-        low, high = found.bent.get(u.name, (-np.inf, np.inf))
-        if u.name in able and low <= found.last.point.value(u) <= high and not low <= u.nominal <= high:
+        low, high = found.bent.get(u.name, (-np.inf, np.inf))  # an end at a bound is open
+        away = max(u.nominal, u.lower) < low or high < min(u.nominal, u.upper)
+        if able == {u.name} and low <= found.last.point.value(u) <= high and away and np.isfinite(high - low):
             return ""
     chance = float(chi2.sf(wald(found.last, own, strength=True), sum(strengths(own))))
     told = f"{own.shape} ({own.kind}) at {own.location} may as well be nothing"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -90,3 +90,13 @@ def residual_squares(found: MapFit) -> float:
 def columns_by_key(found: MapFit, candidates: Sequence[Candidate]) -> dict[tuple[str, str, str], np.ndarray]:
     """Return the whitened columns (N rows, d) of every candidate that has any."""
     return {candidates[i].key: c for i, c in signatures(found, candidates).items()}
+
+
+def rivals_beside(candidates: Iterable[Candidate], others: Sequence[Cause]) -> list[Candidate]:
+    """Return the candidates that may take a place beside other causes: none that frees a parameter of theirs,
+    or whose own they free. A law that another contains has nothing to explain, and cannot be taken out again.
+    """
+    taken = [c.score.candidate for c in others]
+    free = {n for c in taken for n in c.free}
+    every = {n for c in taken for n in c.parameters}
+    return [c for c in candidates if not (every & set(c.free) or free & c.parameters)]

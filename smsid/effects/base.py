@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
@@ -124,9 +124,9 @@ class Effect(StrictTable):
         """
         return ()
 
-    def why_unresolved(self) -> str:
-        """Return in words what of it, as its values are, is within what its law does not resolve; else
-        nothing.
+    def why_unresolved(self, fields: Collection[str]) -> str:
+        """Return in words what of some ``fields``, as its values are, is within what its law does not
+        resolve; else nothing.
         """
         return ""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Literal
 
 import numpy as np
@@ -176,14 +176,14 @@ class JointFriction(JointEffect, Starting):
         """Return it with more laws to identify."""
         return self.model_copy(update={"laws": tuple(dict.fromkeys((*self.laws, *laws)))})
 
-    def why_unresolved(self) -> str:
+    def why_unresolved(self, fields: Collection[str]) -> str:
         """Return that Stribeck's curve falls before the sign has turned: what it does is the sign's shape."""
         least = TURNED * self.smoothing
-        if not self.stribeck or self.stribeck_rate >= least:
+        if "stribeck" not in fields or not self.stribeck or self.stribeck_rate >= least:
             return ""
         return (
-            f"{self.name}.stribeck_rate = {self.stribeck_rate:.3g} rad/s is within the width of the sign, "
-            f"which has turned at {least:.3g} rad/s"
+            f"{self.name}.stribeck_rate = {self.stribeck_rate:.3g} is within the width of the sign, which "
+            f"has turned at {least:.3g}"
         )
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:

@@ -10,9 +10,9 @@ from typing import Any, Literal
 import numpy as np
 
 SMOOTHING = 0.005
-TURNED = 2.0  # widths of the sign at which it has turned, to 96 %
 """Rate at which the sign of friction turns over, where nothing else is stated [rad/s | m/s]: at it Coulomb
 friction reaches 76 %, below it nothing is known of its direction."""
+TURNED = 2.0  # widths of the sign at which it has turned, to 96 %
 
 STRIBECK_RATES = (0.02, 0.05, 0.1, 0.2)
 """Rates tried for Stribeck's curve [rad/s | m/s]; it sticks out of Coulomb's below that."""

@@ -11,7 +11,7 @@ from smsid.diagnose.merge_step import merge_step
 from smsid.diagnose.model_comparison import Cause, refit
 from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.thresholds import DetectionThresholds
-from smsid.diagnose.without_cause import without_cause
+from smsid.diagnose.without_cause import rivals_beside, without_cause
 from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
@@ -91,6 +91,22 @@ def test_one_cause_takes_the_place_of_two_whose_work_it_does(pair, monkeypatch):
     assert kept == right and same is last and (*FRICTION, "viscous") in columns
     monkeypatch.setattr("smsid.diagnose.merge_step._is_left", lambda *_: True)
     assert merge_step(causes, current, *args)[0] == causes
+
+
+def test_no_rival_shares_a_parameter_with_what_it_would_stand_beside(pair):
+    """Coulomb friction beside a Stribeck curve, which has it, explained nothing, took the place of what was
+    not needed, for no price, and could not be taken out again.
+    """
+    nominal, candidates = pair
+    causes, current = with_causes(nominal, candidates, [(*FRICTION, "stribeck"), GAIN])
+    beside = {c.key for c in rivals_beside(candidates, causes[:1])}
+    assert not {(*FRICTION, "coulomb"), (*FRICTION, "stribeck")} & beside
+    assert {(*FRICTION, "viscous"), GAIN} <= beside
+    args = nominal, candidates, DetectionThresholds()
+    found, _ = exchange_step(causes, current, *args, last_too=True)
+    parameters = [n for c in found for n in c.score.candidate.parameters]
+    assert len(parameters) == len(set(parameters))
+    assert all(c.score.freedom for c in found)
 
 
 def test_a_strong_cause_is_judged_by_what_its_siblings_do_now(description, known):

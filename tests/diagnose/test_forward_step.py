@@ -302,12 +302,13 @@ def test_what_was_chosen_beside_a_cause_that_gives_way_is_rechecked(world, monke
         )
         for k in ((f"kind{i}", "somewhere", "shape") for i in range(4))
     )
-    state.causes = [early, gone, late]
+    state.causes, state._finer = [early, gone, late], True
     monkeypatch.setattr(SearchState, "_there_always", lambda self: None)
     monkeypatch.setattr(rounds, "with_further", lambda *_: None)
     for found, recheck in (
         ([early, gone, late], set()),
         ([early, rival, late], {late.score.candidate.key}),
+        ([early, rival, late], {late.score.candidate.key}),  # also when all are judged once more
     ):
         monkeypatch.setattr(rounds, "judge_causes", lambda causes, last, *_, to=found, **__: (to, last))
         state.close()

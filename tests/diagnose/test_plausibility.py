@@ -65,3 +65,5 @@ def test_a_curve_that_falls_before_the_sign_has_turned_is_a_shape_of_the_sign(ra
     candidate = Candidate("joint_friction", "joint2", "friction", "stribeck", own, ("rub.stribeck",), (1.0,))
     assert bool(impossible_fit(found, candidate)) is within
     assert impossible_fit(found, replace(candidate, effect=None)) == ""
+    beside = replace(candidate, shape="viscous", free=("rub.viscous",))
+    assert impossible_fit(found, beside) == "", "another law of the same effect"

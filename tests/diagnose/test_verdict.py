@@ -62,7 +62,7 @@ def searched(shifts, sigmas, rows, factors, left_by, **fields):
     over the stated ones, ``left_by`` the prediction errors over these.
     """
     names = [f"effect{k}.size" for k in range(len(shifts))]
-    unknowns = tuple(SimpleNamespace(name=n, nominal=0.0) for n in names)
+    unknowns = tuple(SimpleNamespace(name=n, nominal=0.0, lower=1e-9, upper=np.inf) for n in names)
     whitened = 1e-3 * np.ones((5, len(factors), len(shifts))) / np.maximum(shifts, 1e-9)
     for k, row in enumerate(rows):
         whitened[:, row, k] *= 1e6 / factors[row]
@@ -110,7 +110,13 @@ def test_nothing_is_explained_that_leaves_a_causes_own_component_or_may_be_nothi
 
 @pytest.mark.parametrize(
     ("ends", "decided"),
-    [((0.3, 4.0), "explained"), ((-0.1, 4.0), "unexplained"), ((2.0, 4.0), "unexplained")],
+    [
+        ((0.3, 4.0), "explained"),
+        ((-0.1, 4.0), "unexplained"),
+        ((2.0, 4.0), "unexplained"),
+        ((1e-9, 4.0), "unexplained"),  # cut off where a mass may end
+        ((0.3, np.inf), "unexplained"),  # it was not followed to its end
+    ],
 )
 def test_a_profile_says_whether_a_bent_strength_may_be_nothing(ends, decided):
     """A further mode's mass of 1 +- 0.6: the likelihood falls steeply towards none. Ends that do not hold the

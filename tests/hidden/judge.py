@@ -109,7 +109,7 @@ def _catalogued(
             level, note = _match(cause, injected, confirm)
             notes += [note] if note else []
             if level is not None:
-                alone = alone and level == "right" and not cause.get("aliases")
+                alone = alone and level == "right" and not (cause.get("aliases") or cause.get("also_at"))
                 deviation = _deviation(cause, injected) if level == "right" else None
                 left.remove(cause)
                 break
@@ -145,7 +145,8 @@ def _match(cause: Mapping[str, Any], injected: Injected, confirm: Confirm) -> tu
         named = not effect.shapes or (own_shape or cause["fitted"]) in effect.shapes
     if _is(cause, effect) and named:
         return ("right", "") if few else ("right_family", f"{len(aliases)} aliases")
-    one = [{**x, "location": p} for x in (cause, *aliases) for p in x.get("also_at", ())]  # base parameter
+    told = {**cause, "shape": own_shape or cause["fitted"]}
+    one = [{**x, "location": p} for x in (told, *aliases) for p in x.get("also_at", ())]  # base parameter
     for alias in (*aliases, *one):
         shape = alias.get("shape")
         if _is(alias, effect) and (shape is None or not effect.shapes or shape in effect.shapes):
