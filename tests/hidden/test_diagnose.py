@@ -60,6 +60,15 @@ SLOW = [
     (draw_run(345029), RIGHT),
     # the position stood still where it was smallest, and was refused as saturated
     (draw_run(345055), RIGHT),
+    # one base parameter, of three links and a motor, was four names
+    (draw_run(346022), RIGHT),
+    (draw_run(346193), RIGHT),
+    # a gain at joint3 was gains at joint1 and joint2, of the other sign
+    (draw_run(346102), RIGHT),
+    # a link's centre of mass went on making up for what its inertia lacked, which a payload had replaced
+    (draw_run(346147), RIGHT),
+    # a further mode, told from nothing by its profile alone
+    (draw_run(346154), RIGHT),
     (hide(16, "pair", "sms", ("torque_gain:error@wheel_y", 20.0), ("lever_arm:offset.x@imu", 20.0)), RIGHT),
 ]
 

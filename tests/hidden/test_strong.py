@@ -6,8 +6,8 @@ import pytest
 
 from .catalogue import hidden_effects
 from .judge import Injected
-from .plan import Run
-from .study import diagnosis_of, files_of
+from .plan import Run, draw_run
+from .study import diagnosis_of, files_of, tamed
 
 pytest.importorskip("smsid.diagnose")
 
@@ -79,3 +79,19 @@ def test_the_size_of_a_law_whose_shape_is_not_the_catalogues_is_in_its_interval(
         assert low >= 0.0
         assert own == "stribeck" or high - low < value
     assert any("shape of the friction" in note for note in found["notes"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "laws"), [(987743, {"coulomb"}), (987731, {"coulomb"}), (987771, {"stribeck"})]
+)
+def test_a_strong_law_is_not_another_by_what_it_does_within_its_sign(seed, laws, tmp_path):
+    """A curve within 4 mrad/s of rest was Stribeck's; what it shook at the next joint was memory."""
+    run = draw_run(seed, strengths=(100.0, 1000.0, 10000.0, 100000.0))
+    run, files = tamed(run, tmp_path)
+    found = diagnosis_of(files, tmp_path)
+    assert found["verdict"] == "explained", found["sentence"]
+    (cause,) = found["causes"]
+    assert (cause["shape"] or cause["fitted"]) in laws, found["sentence"]
+    (size,) = (p for p in cause["parameters"] if p["name"].endswith(".coulomb"))
+    assert size["interval"][0] <= run.hidden[0].value <= size["interval"][1]
