@@ -124,7 +124,7 @@ def stabilisation_figure(model: SpacecraftModel, recording: Recording, title: st
             f"'{recording.name}' shows no modes of an appendage.",
             advice="Give a recording with thrust and panel accelerometers.",
         )
-    return picture(stabilisation_figures("stabilisation", found), title)
+    return picture(stabilisation_figures(found), title)
 
 
 def diagnosis_figure(diagnosis: Diagnosis, title: str = "") -> Figure:

@@ -11,11 +11,11 @@ import numpy as np
 from smsid.control.controller_file import controller_document
 from smsid.control.design import ControllerDesign
 from smsid.control.robustness import Robustness
-from smsid.control.tuning import CLEARANCE
+from smsid.control.tuning import CLEARANCE, TuningResult
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, share
-from smsid.report.plot import Curve, Plot, Rule
+from smsid.report.plot import Curve, Plot
 from smsid.report.rows import Bar, ChartRow, Mark, RowChart
 
 LIGHT = 0.001  # damping ratio below which the axis ends
@@ -29,10 +29,8 @@ def control_report(made: ControllerDesign, origin: Provenance) -> Report:
     designed = blocks_table(d), Text(model_lines(d), bullets=True)
     sections = [Section("blocks", "What is designed", designed, f"{len(made.term.blocks)} groups")]
     if made.tuning is not None:
-        gist = "where gains keep out of"
-        sections.append(
-            Section("modes", "Natural frequencies and gains", (_modes(made), modes_table(d)), gist)
-        )
+        parts = _modes(made.tuning), modes_table(d)
+        sections.append(Section("modes", "Natural frequencies and gains", parts, "where gains keep out of"))
     gist = "slosh and panel inside the plant"
     sections.append(Section("poles", "Poles of the loop", (_poles(made), poles_table(d)), gist))
     if made.robustness is not None:
@@ -118,9 +116,7 @@ def model_lines(document: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _modes(made: ControllerDesign) -> Figure:
-    tuning = made.tuning
-    assert tuning is not None
+def _modes(tuning: TuningResult) -> Figure:
     rows, values = [], []
     for m in tuning.modes:
         low, high = m.band
@@ -143,14 +139,14 @@ def _poles(made: ControllerDesign) -> Figure:
     damping = np.array([p.damping for p in made.poles])
     shown = np.clip(damping, LIGHT, None)
     hidden = ("tank", "slosh", "panel", "mode")
-    soft = np.array([any(k in p.name for k in hidden) or ".mode" in p.name for p in made.poles])
+    soft = np.array([any(k in p.name for k in hidden) for p in made.poles])
     flagged = np.array([bool(p.flag) for p in made.poles])
-    marks: list[Curve | Rule] = [
+    marks = [
         Curve("attitude, joints, controller", x[~soft], shown[~soft], 2, "points"),
         Curve("slosh and panel", x[soft & ~flagged], shown[soft & ~flagged], 0, "points"),
         Curve("flagged", x[flagged], shown[flagged], 1, "rings"),
     ]
-    marks = [m for m in marks if isinstance(m, Rule) or len(m.x)]
+    marks = [m for m in marks if len(m.x)]
     y = Axis.over("damping ratio", [shown, [1.0]], log=True, room=0.08)
     axis = Axis.over("frequency [rad/s]", [x], log=True)
     plot = Plot(axis, y, marks, "poles of the closed loop", 250)

@@ -92,16 +92,8 @@ def demo_report(
     sections.append(Section("files", "Look further", (Links(tuple(links)),)))
     sentence, tone = verdict(craft)
     title = "smsid, shown on a craft with something hidden"
-    return Report(
-        title,
-        "What the simulation gets wrong, and why",
-        sentence,
-        tone,
-        sections,
-        origin,
-        _glance(craft, seen),
-        picture,
-    )
+    subject = "What the simulation gets wrong, and why"
+    return Report(title, subject, sentence, tone, sections, origin, _glance(craft, seen), picture)
 
 
 def verdict(craft: DemoCraft) -> tuple[str, Tone]:
@@ -202,10 +194,10 @@ def values_section(craft: DemoCraft) -> Section:
     world = TrueWorld(craft.parameters, bodies, effects)
     truth = world.values_of(own)
     known = [p for p in own if p.name in truth]
-    inside = sum(p.interval[0] <= truth[p.name] <= p.interval[1] for p in known)
-    rows = []
+    inside, rows = 0, []
     for p in known:
         within = p.interval[0] <= truth[p.name] <= p.interval[1]
+        inside += within
         found = (p.value, 5), interval_cell(p), (truth[p.name], 5), unit(p.unit)
         verdict_ = Cell("yes" if within else "no", tone="good" if within else "warn")
         rows.append(cells(p.name, (p.nominal, 5), *found, verdict_))

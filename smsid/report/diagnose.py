@@ -66,7 +66,7 @@ def diagnose_report(
     if shares is not None and shares.telling:
         sections += share_sections(shares)
     else:  # of a misfit that is mostly noise the shares are all near zero
-        sections += map_section(d.tests, LEVEL)
+        sections += map_section(d.tests)
     if found.search is not None:
         sections += search_sections(found.search, asked)
     if found.torques is not None:
@@ -133,14 +133,13 @@ def causes_section(d: Diagnosis) -> Section:
     return Section("causes", "Causes", tables, f"{len(d.causes)} named" if d.causes else "none named")
 
 
-def map_section(tests: Mapping[str, Sequence[SignificantTest]], level: float) -> list[Section]:
+def map_section(tests: Mapping[str, Sequence[SignificantTest]]) -> list[Section]:
     """Return the maps of equation by dependence, before any cause and with the causes; none without tests."""
     before, after = tests.get("nominal", ()), tests.get("extended", ())
     if not before:
         return []
-    changed = [(t.where, t.dependence, t.ratio) for t in before] != [
-        (t.where, t.dependence, t.ratio) for t in after
-    ]
+    was, now = ([(t.where, t.dependence, t.ratio) for t in some] for some in (before, after))
+    changed = was != now
     caption = (
         "Every equation and sensor channel against what it may depend on. A cell is minus the decimal "
         "logarithm of the chance of as much when nothing is wrong, corrected for the number of tests; framed "
@@ -149,10 +148,10 @@ def map_section(tests: Mapping[str, Sequence[SignificantTest]], level: float) ->
         "for orientation: the verdict does not count it."
     )
     first = "Before any cause: nominal parameters refitted" if changed else "Nominal parameters refitted"
-    maps = [diagnosis_map("map-before", first, before, level=level, caption=caption)]
+    maps = [diagnosis_map("map-before", first, before, caption=caption)]
     if changed:
-        maps.append(diagnosis_map("map-after", "With the causes in the model", after, level=level))
-    limit = -math.log10(level)
+        maps.append(diagnosis_map("map-after", "With the causes in the model", after))
+    limit = -math.log10(LEVEL)
     count = [sum(evidence(t, len(some)) > limit for t in some) for some in (before, after)]
     gist = f"{count[0]} of {len(before)} tests significant"
     gist += f" before, {count[1]} after" if changed else ""
@@ -271,7 +270,6 @@ def torque_traces(found: TorqueSearch) -> tuple[Trace, ...]:
     for k, joint in enumerate(equations.names):
         measured, left = equations.torque[:, k], fit.residual[:, k]
         values, was = (measured, measured - left, left), None if before is None else before[:, k]
-        out.append(
-            Trace(f"torque of {joint}", "N m", equations.time, *values, float(equations.noise[k]), was)
-        )
+        noise = float(equations.noise[k])
+        out.append(Trace(f"torque of {joint}", "N m", equations.time, *values, noise, was))
     return tuple(out)

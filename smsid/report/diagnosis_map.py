@@ -31,7 +31,7 @@ COLUMNS = (
 EDGES = (1e-9, 1.3, 3.0, 6.0, 12.0, 25.0, 50.0)
 """Steps of colour by minus the decimal logarithm of the corrected p-value; colour begins at 0.001."""
 HEADINGS = {"its own past": "its own past (frequency)", "amplitude": "amplitude (slosh, bending)"}
-LEVEL = 0.001
+LEVEL = 0.001  # below which a test is significant, over all of a map together
 BEYOND = 300.0
 """Evidence from which on a p-value is too small for a floating-point number."""
 
@@ -57,29 +57,29 @@ def evidence(test: SignificantTest, tests: int) -> float:
 
 
 def diagnosis_map(
-    name: str, title: str, tests: Iterable[SignificantTest], *, level: float = LEVEL, caption: str = ""
+    name: str, title: str, tests: Iterable[SignificantTest], *, caption: str = ""
 ) -> Figure | None:
     """Return the map of all generic tests, or ``None`` when there are none.
 
     Rows are equations (joint and wheel torques, the bus's wrench, slosh, modes) and sensor channels, a row
-    for all components of a channel; a cell has the strongest test. ``level``: over all tests together.
+    for all components of a channel; a cell has the strongest test.
     """
     found = list(tests)
     if not found:
         return None
     rows, columns, best = strongest_by_place(found, lambda t: evidence(t, 1))
-    limit = -math.log10(level)
+    limit = -math.log10(LEVEL)
     cells = [[_cell(best.get((r, c)), len(found), limit) for c in columns] for r in rows]
     significant = sum(c.marked for row in cells for c in row)
     scale = (
         (0, "no evidence"),
         (2, "0.05"),
-        (3, f"{level:g}"),
+        (3, f"{LEVEL:g}"),
         (4, "10⁻⁶"),
         (5, "10⁻¹²"),
         (6, "10⁻²⁵"),
         (7, "10⁻⁵⁰ and below"),
-        (-1, f"significant: below {level:g} over all {len(found)} tests"),
+        (-1, f"significant: below {LEVEL:g} over all {len(found)} tests"),
     )
     headings = [HEADINGS.get(c, c) for c in columns]
     alt = f"{title}: {significant} of {len(found)} tests are significant"
@@ -130,7 +130,7 @@ def _cell(test: SignificantTest | None, tests: int, limit: float) -> HeatCell:
     strength = evidence(test, tests)
     shown = "0" if strength < 0.05 else f"{strength:.1f}" if strength < 9.95 else f"{strength:.0f}"
     shown = shown if strength < BEYOND else f"> {BEYOND:.0f}"
-    p = 10.0**-strength if strength < 300 else 0.0
+    p = 10.0**-strength if strength < BEYOND else 0.0
     tip = (
         f"{test.where} against {test.dependence}: chi-squared {number(test.ratio, 4)} on {test.freedom}, "
         f"corrected p {number(p, 2)}"

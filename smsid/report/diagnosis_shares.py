@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -37,9 +38,8 @@ OF_CAUSES = (
     "not add up."
 )
 OF_REST = (
-    "The whole is what the nominal parameters leave, noise included. A cell is the share of its "
-    "squares that the "
-    "equation or channel could produce, if it depended on the column's quantity in any of the usual ways."
+    "The whole is what the nominal parameters leave, noise included. A cell is the share of its squares that "
+    "the equation or channel could produce, if it depended on the column's quantity in any of the usual ways."
 )
 
 
@@ -54,9 +54,8 @@ def share_map(found: Shares) -> Figure | None:
     where, title = "none stands out", "Where it comes from: no one place"
     if place:
         where = f"strongest: {top.where} against {top.dependence}, {percent(top.share)}"
-        title = f"Where it comes from: {top.where}, as a function of its {top.dependence}".replace(
-            "its its", "its"
-        )
+        its = top.dependence.removeprefix("its ")
+        title = f"Where it comes from: {top.where}, as a function of its {its}"
     body = HeatMap(rows, columns, cells, f"shares of the misfit by place; {where}", SCALE, "share")
     return Figure("share-map", title, body, OF_CAUSES if found.of_causes else OF_REST)
 
@@ -79,14 +78,12 @@ def share_ranking(found: Shares) -> Figure | None:
     axis = Axis("share explained by one candidate alone", 0.0, 1.02, False, ticks)
     chart = RowChart(axis, rows, "shares that candidates explain", legend)
     caption = (
-        "How much of what the cause does each other candidate could do alone in its stead; the cause "
-        "has all of "
-        "it by definition. Of strong effects even one per cent is far beyond the noise: this is how "
-        "the causes "
-        "were told apart."
+        "How much of what the cause does each other candidate could do alone in its stead; the cause has all "
+        "of it by definition. Of strong effects even one per cent is far beyond the noise: this is how the "
+        "causes were told apart."
         if found.of_causes
-        else "How much of the squares left each candidate alone would explain, everything nominal "
-        "free to move."
+        else "How much of the squares left each candidate alone would explain, everything nominal free to "
+        "move."
     )
     return Figure("ranking", "What each candidate would explain", chart, caption)
 
@@ -112,13 +109,18 @@ def rescore(search: Search) -> tuple[Score, ...]:
 
     The search keeps those of its last round only, with the causes in the model already.
     """
-    candidates: dict[tuple[str, str, str], Candidate] = {}
-    for s in (*(c.score for c in search.causes), *search.scores):
-        candidates.setdefault(s.candidate.key, s.candidate)
-    known = list(candidates.values())
+    known = _candidates(search)
     columns = signatures(search.nominal, known)
     found = score_candidates(search.nominal, [known[i] for i in columns], list(columns.values()))
     return tuple(sorted(found, key=lambda s: -s.information_gain(search.samples)))
+
+
+def _candidates(search: Search) -> list[Candidate]:
+    """Return the causes and all candidates of the last round, each once."""
+    found: dict[tuple[str, str, str], Candidate] = {}
+    for s in (*(c.score for c in search.causes), *search.scores):
+        found.setdefault(s.candidate.key, s.candidate)
+    return list(found.values())
 
 
 def alias_matrix(search: Search, scores: Sequence[Score]) -> Figure | None:
@@ -131,15 +133,12 @@ def alias_matrix(search: Search, scores: Sequence[Score]) -> Figure | None:
     chosen = sorted(chosen[:COMPARED], key=lambda s: -s.ratio)
     if len(chosen) < 2:
         return None
-    n = len(chosen)
-    values = np.ones((n, n))
-    for i in range(n):
-        for j in range(i):
-            values[i, j] = values[j, i] = correlation(chosen[i], chosen[j])
+    values = np.ones((len(chosen), len(chosen)))
+    for i, j in combinations(range(len(chosen)), 2):
+        values[i, j] = values[j, i] = correlation(chosen[j], chosen[i])
     names = [label(s.candidate) for s in chosen]
-    body = correlation_map(
-        names, names, values, "correlations of the candidates' signatures in this experiment"
-    )
+    alt = "correlations of the candidates' signatures in this experiment"
+    body = correlation_map(names, names, values, alt)
     caption = (
         "Largest canonical correlation of two candidates' signatures, nominal parameters projected out. Near "
         "one, this experiment cannot tell the two apart."
@@ -199,11 +198,8 @@ def shares_of(search: Search) -> Shares | None:
         for b in adequacy(found)
         if b.dependence != PAST and b.freedom  # correlation in time is a symptom, and no share of squares
     ]
-    return Shares(
-        tuple(sorted(places, key=lambda p: -p.share)),
-        _candidate_shares(search, found, total),
-        of_causes,
-    )
+    places.sort(key=lambda p: -p.share)
+    return Shares(tuple(places), _candidate_shares(search, found, total), of_causes)
 
 
 def without_causes(search: Search) -> MapFit | None:
@@ -244,20 +240,15 @@ def _contribution(search: Search, base: MapFit, cause: Cause) -> np.ndarray:
 
 
 def _candidate_shares(search: Search, found: MapFit, total: float) -> tuple[CandidateShare, ...]:
-    known: dict[tuple[str, str, str], Candidate] = {}
-    for s in (*(c.score for c in search.causes), *search.scores):
-        known.setdefault(s.candidate.key, s.candidate)
-    listed = list(known.values())
+    listed = _candidates(search)
     # a searched candidate that was narrowed down still has the columns of all it could be: not comparable
     columns = {i: c for i, c in signatures(found, listed).items() if c.shape[1] == len(listed[i].free)}
     named = {c.score.candidate.key for c in search.causes}
     aliases = {a.candidate.key for c in search.causes for a, _ in c.aliases}
-    out: Sequence[CandidateShare] = [
-        CandidateShare(
-            s.candidate, min(1.0, s.ratio / total), s.candidate.key in named, s.candidate.key in aliases
-        )
-        for s in score_candidates(found, [listed[i] for i in columns], list(columns.values()))
-        if s.freedom
-    ]
+    out = []
+    for s in score_candidates(found, [listed[i] for i in columns], list(columns.values())):
+        if s.freedom:
+            c = s.candidate
+            out.append(CandidateShare(c, min(1.0, s.ratio / total), c.key in named, c.key in aliases))
     # of equal shares the cause first, then the simpler
     return tuple(sorted(out, key=lambda c: (-round(c.share, 6), not c.cause, len(c.candidate.free))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from smsid._statistics import NORMAL95
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
@@ -26,17 +26,11 @@ def cause_tables(d: Diagnosis) -> Iterator[Table]:
         columns = ("cause", "where", "family", "parameter", "#value", "#95 % interval", "unit", "#believed",
                    "#likelihood ratio", "#corrected p")  # fmt: skip
         yield Table(title, columns, rows)
-        aliases = [
-            cells(
-                f"{c.label} at {c.location}",
-                f"{a.shape} ({a.effect})",
-                a.places,
-                (a.correlation, 4),
-                a.separate,
-            )
-            for c in causes
-            for a in c.aliases
-        ]
+        aliases = []
+        for c in causes:
+            for a in c.aliases:
+                other = f"{a.shape} ({a.effect})", a.places, (a.correlation, 4), a.separate
+                aliases.append(cells(f"{c.label} at {c.location}", *other))
         if aliases:
             columns = ("cause", "not told from", "where", "#correlation", "an experiment that would tell")
             yield Table("Aliases in this experiment", columns, aliases)
@@ -125,7 +119,10 @@ def limit_table(d: Diagnosis) -> Table:
 
 def plain_words(d: Diagnosis) -> str:
     """Return what a diagnosis found as one or two sentences; empty where it names no cause."""
-    return f"In plain words: {enumerate_words([cause_in_words(c) for c in d.causes])}." if d.causes else ""
+    words = [cause_in_words(c) for c in d.causes]
+    if len(words) > 1:
+        words[-1] = f"and {words[-1]}"
+    return f"In plain words: {'; '.join(words)}." if words else ""
 
 
 def cause_in_words(cause: FoundCause) -> str:
@@ -160,10 +157,3 @@ def quantity(p: Value) -> str:
         low, high = (number(x, 2) for x in p.profile)
         return f"{number(p.value, 3)} ({low} to {high}) {unit(p.unit)}".rstrip()
     return f"{with_half(p.value, NORMAL95 * p.sigma)} {unit(p.unit)}".rstrip()
-
-
-def enumerate_words(parts: Sequence[str]) -> str:
-    """Return parts as an enumeration; those that hold commas themselves are parted by semicolons."""
-    if len(parts) < 2:
-        return "".join(parts)
-    return "; ".join(parts[:-1]) + f"; and {parts[-1]}"

@@ -35,7 +35,7 @@ from smsid.report.model import (
 from smsid.report.numbers import number, raise_exponents
 from smsid.report.parameters import correlations, parameter_section
 from smsid.report.plot import Curve, Plot, Rule
-from smsid.report.residuals import EXPLAINED, Residuals, residual_parts, residuals_of
+from smsid.report.residuals import EXPLAINED, Residuals, residuals_of, trace_explorer
 from smsid.report.spectra import spectrum_grid
 from smsid.report.stabilisation import diagrams, stabilisation_figures
 
@@ -88,14 +88,18 @@ def identify_report(
 
 def residual_sections(left: Sequence[Residuals]) -> list[Section]:
     """Return measured against simulated, and the spectra of what is left."""
-    figure, table = residual_parts(left)
+    caption = (
+        "Above: measured (grey) and simulated (blue). Below: measured minus simulated, with twice the noise "
+        "that samples show between each other. Attitudes are rotation vectors from the start."
+    )
+    parts = trace_explorer([t.alone() for r in left for t in r.traces], "Measured and simulated", caption)
     worst = worst_ratio(left)
     gist = f"largest residual / noise {number(worst[1], 3)}, {worst[0]}" if worst else ""
     groups = {f"{r.recording}: {c}": traces for r in left for c, traces in r.channels.items()}
     grid = spectrum_grid("spectrum", groups, labels=("as described", "as identified"))
     before = "before: as described, initial pose and biases fitted"
     return [
-        Section("residuals", "Measured against simulated", (figure, table), gist),
+        Section("residuals", "Measured against simulated", parts, gist),
         Section("spectra", "Spectra of the residuals, before and after", (grid,), before),
     ]
 
@@ -107,8 +111,7 @@ def verdict(estimate: Estimate, left: Sequence[Residuals]) -> tuple[str, Tone]:
     good = len(own) - len(weak)
     sentence = f"{good} of {len(own)} parameters are identified to better than 10 % (one standard deviation)"
     if weak:
-        named = some_of(weak)
-        sentence += f"; not {named}"
+        sentence += f"; not {some_of(weak)}"
     worst = worst_ratio(left)
     if worst is None:
         return f"{sentence}. Whether the simulation explains the recordings was not evaluated.", "neutral"
@@ -136,7 +139,7 @@ def _modes(
     except SmsidError as error:
         LOGGER.info("stabilisation diagram: %s", error)
         return []
-    figures = stabilisation_figures("stabilisation", found)
+    figures = stabilisation_figures(found)
     if not figures:
         return []
     caption = (

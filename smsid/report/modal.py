@@ -11,7 +11,7 @@ from smsid._statistics import NORMAL95
 from smsid.identify.ssi_decimate import decimate
 from smsid.lab.modal import AmbientModes
 from smsid.report.axes import Axis
-from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text, Tone, cells
+from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Tone, cells
 from smsid.report.numbers import number, share
 from smsid.report.parameters import identifiability, parameter_table
 from smsid.report.plot import Curve, Plot, Rule
@@ -64,10 +64,18 @@ def modal_report(
     parts = trace_explorer(traces, "Correlations, measured and fitted", caption, labels, first=0,
                      band="± 2 σ of its scatter", scale="scatter", note=NOTE, along="lag [s]")  # fmt: skip
     gist = f"{channel}, {outputs.shape[1]} outputs"
+    d = found.diagram
+    state = f"past and future of {number(d.window, 3)} s"
+    made = Diagram(name, found.rate, d.poles, d.stable, found.modes, state, 1.1 * highest)
+    caption = (
+        "Poles of SSI-COV by model order, with one of the lengths of past and future that resolve most "
+        "modes. A ring has the same frequency, damping and shape one order below. No order is picked."
+    )
+    diagram = Grid("Poles over model orders", stabilisation_figures([made]), caption)
     sections += [
         Section("residuals", "Measured against fitted", parts, gist),
         Section("spectrum", "Spectrum of the outputs", (_spectrum(outputs, rate, highest, found),)),
-        Section("diagram", "Stabilisation diagram", _diagram(name, found, highest), "over model orders"),
+        Section("diagram", "Stabilisation diagram", (diagram,), "over model orders"),
     ]
     sentence, tone = verdict(found, ratio)
     glance = [("modes", str(len(found.modes))), ("harmonics", str(len(found.harmonics)))]
@@ -112,16 +120,8 @@ def _shapes(found: AmbientModes) -> Table:
         excited = Cell("by a few impacts", tone="warn") if m.impulsive else Cell("by lasting noise")
         shape = m.shape / m.shape[int(np.argmax(np.abs(m.shape)))]
         shares = Cell(share(m.contribution), m.contribution), Cell(share(m.windows, 3), m.windows)
-        rows.append(
-            cells(
-                f"mode {k}",
-                (m.frequency, 5),
-                *shares,
-                (m.kurtosis, 3),
-                excited,
-                *((float(x), 3) for x in shape),
-            )
-        )
+        known = (m.frequency, 5), *shares, (m.kurtosis, 3), excited
+        rows.append(cells(f"mode {k}", *known, *((float(x), 3) for x in shape)))
     note = (
         "Response: share of the covariance. Windows: share of the lengths of past and future used that have "
         "the mode. Kurtosis of its band: 3 for lasting noise, 1.5 for a sine, much more for impacts. Then "
@@ -143,17 +143,6 @@ def _spectrum(outputs: np.ndarray, rate: float, highest: float, found: AmbientMo
     y = Axis.over("density [1/Hz]", [mean], log=True, count=4)
     body = Plot(x, y, marks, "power spectral density of the outputs with the modes found", 230)
     return Figure("psd", "Power spectral density", body, "Upright lines: modes, and harmonics if any.")
-
-
-def _diagram(name: str, found: AmbientModes, highest: float) -> tuple[Grid | Text, ...]:
-    d = found.diagram
-    state = f"past and future of {number(d.window, 3)} s"
-    made = Diagram(name, found.rate, d.poles, d.stable, found.modes, state, 1.1 * highest)
-    caption = (
-        "Poles of SSI-COV by model order, with one of the lengths of past and future that resolve most "
-        "modes. A ring has the same frequency, damping and shape one order below. No order is picked."
-    )
-    return (Grid("Poles over model orders", stabilisation_figures("stabilisation", [made]), caption),)
 
 
 MOST = 12  # outputs shown

@@ -49,9 +49,8 @@ def tick_label(x: float) -> str:
 
 def half(value: float, low: float, high: float) -> str:
     """Return an interval about a value: ``± h`` where it is symmetric, else its two ends."""
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return f"{number(low, 4)} … {number(high, 4)}"
-    if abs((high - value) - (value - low)) <= 1e-6 * max(high - low, 1e-300):
+    finite = math.isfinite(low) and math.isfinite(high)
+    if finite and abs((high - value) - (value - low)) <= 1e-6 * max(high - low, 1e-300):
         return f"± {number(0.5 * (high - low), 2)}"
     return f"{number(low, 4)} … {number(high, 4)}"
 

@@ -137,16 +137,14 @@ def most_different(found: OpenLoop, before: str, after: str, most: int = SHOWN) 
     return tuple(c for _, c in sorted(best.values(), key=lambda x: -x[0])[:most])
 
 
-def curves(
-    found: OpenLoop, shown: Sequence[Component], name: str, title: str, colours: Mapping[str, int]
-) -> Grid:
+def curves(found: OpenLoop, shown: Sequence[Component], title: str, colours: Mapping[str, int]) -> Grid:
     """Return small figures of measured and simulated over time; ``colours``: of the models, last on top."""
     step = max(1, len(found.times) // POINTS)
+    t, simulated = found.times[::step], [m for m in colours if m in found.models]
     figures = []
     for k, c in enumerate(shown):
-        t = found.times[::step]
         drawn = [Curve("measured", t, c.measured[::step], 2, "broad")]
-        drawn += [Curve(m, t, c.simulated[m][::step], i) for m, i in colours.items() if m in found.models]
+        drawn += [Curve(m, t, c.simulated[m][::step], colours[m]) for m in simulated]
         # a model that runs away is cut off: what was measured has to be seen
         low, high = float(np.nanmin(c.measured)), float(np.nanmax(c.measured))
         room = 1.5 * (high - low)
@@ -155,9 +153,9 @@ def curves(
         x, y = Axis.over("time [s]", [t], room=0.0, count=6), Axis.over(label, near, count=5, room=0.14)
         alt = f"{c.name}: measured, and simulated by {' and by '.join(colours)}"
         plot = Plot(x, y, (*drawn, Rule("simulated alone from here", found.begin)), alt, 230)
-        tells = ", ".join(f"{m} {number(found.rms(c, m), 2)}" for m in colours if m in found.models)
+        tells = ", ".join(f"{m} {number(found.rms(c, m), 2)}" for m in simulated)
         caption = f"Error, rms [{unit(c.unit)}]: {tells}; noise {number(c.noise, 2)}."
-        figures.append(Figure(f"{name}-{k}", c.name, plot, caption))
+        figures.append(Figure(f"before-after-{k}", c.name, plot, caption))
     caption = (
         f"Only the commands of '{found.recording}' are given to the models: each starts from the state known "
         f"after {SETTLE:g} s and is not corrected after that."
@@ -217,7 +215,7 @@ def story_section(
         palette = dict(zip(models, PALETTE if len(models) == 3 else (PALETTE[0], PALETTE[-1]), strict=True))
         heading = f"'{recording.name}': {kind}"
         if shown := most_different(found, before, after):
-            parts.append(curves(found, shown, "before-after", heading, palette))
+            parts.append(curves(found, shown, heading, palette))
         else:
             parts.append(Text(("In no channel do the models differ by more than three times its noise.",)))
     parts.append(error_table(found, before, after))
@@ -231,8 +229,7 @@ def gain_sentence(g: Gain) -> str:
     return (
         f"On '{g.recording}', which was not used, predictions one sample ahead are off by "
         f"{number(g.whitened_given, 3)} times the noise with the model as given, by "
-        f"{number(g.whitened_nominal, 3)} "
-        f"with its parameters refitted and nothing added, and by {number(g.whitened_extended, 3)} "
-        "with the cause: "
-        f"{share(g.explained, 4)} of what exceeds the noise is gone."
+        f"{number(g.whitened_nominal, 3)} with its parameters refitted and nothing added, and by "
+        f"{number(g.whitened_extended, 3)} with the cause: {share(g.explained, 4)} of what exceeds the noise "
+        "is gone."
     )

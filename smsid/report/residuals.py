@@ -116,15 +116,6 @@ def _channel(
     return tuple(out)
 
 
-def residual_parts(found: Sequence[Residuals]) -> tuple[Figure, Table]:
-    """Return the figure to look into every channel, and the table of what is left beside the noise."""
-    caption = (
-        "Above: measured (grey) and simulated (blue). Below: measured minus simulated, with twice the noise "
-        "that samples show between each other. Attitudes are rotation vectors from the start."
-    )
-    return trace_explorer([t.alone() for r in found for t in r.traces], "Measured and simulated", caption)
-
-
 WORDS = ("measured", "simulated", "residual", "residual before")
 WHITE = (
     "Noise: the standard deviation of the part that is white, from third differences. A ratio of one means "

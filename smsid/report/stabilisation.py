@@ -94,7 +94,7 @@ def _at(x: np.ndarray, rate: float, own: float) -> tuple[Poles, ...]:
         return ()
 
 
-def stabilisation_figures(prefix: str, found: Sequence[Diagram]) -> tuple[Figure, ...]:
+def stabilisation_figures(found: Sequence[Diagram]) -> tuple[Figure, ...]:
     """Return a figure per diagram."""
     out = []
     for k, d in enumerate(found):
@@ -110,5 +110,5 @@ def stabilisation_figures(prefix: str, found: Sequence[Diagram]) -> tuple[Figure
         read = ", ".join(f"{m.frequency:.4g} Hz (damping {m.damping:.3g})" for m in d.modes)
         body = Plot(x, y, marks, f"poles of {d.appendage} over model orders; modes at {read}", 240)
         title = f"{d.appendage}, {d.state}, sampled at {d.rate:.3g} Hz"
-        out.append(Figure(f"{prefix}-{k}", title, body, f"Read here: {read or 'none'}."))
+        out.append(Figure(f"stabilisation-{k}", title, body, f"Read here: {read or 'none'}."))
     return tuple(out)

@@ -97,10 +97,8 @@ def _traces(test: TankTest, found: TankComparison, quiet: float) -> tuple[Trace,
     rigid = next(iter(found.fits.values())).residual
     out = []
     for model, fit in found.fits.items():
-        values, was = (
-            (test.force, test.force - fit.residual, fit.residual),
-            None if fit.residual is rigid else rigid,
-        )
+        values = test.force, test.force - fit.residual, fit.residual
+        was = None if fit.residual is rigid else rigid
         out.append(Trace(model, "N", test.time, *values, sigma, was))
     return tuple(out)
 
@@ -123,12 +121,10 @@ def _models(found: TankComparison) -> Table:
 
 def _values(found: TankComparison) -> Table:
     """Every model's parameters side by side."""
-    names = list(dict.fromkeys(p.name for fit in found.fits.values() for p in fit.estimate.parameters))
+    estimates = [fit.estimate for fit in found.fits.values()]
     rows = []
-    for name in names:
-        own = [
-            next((p for p in fit.estimate.parameters if p.name == name), None) for fit in found.fits.values()
-        ]
+    for name in dict.fromkeys(p.name for e in estimates for p in e.parameters):
+        own = [next((p for p in e.parameters if p.name == name), None) for e in estimates]
         texts = [p and Cell(f"{number(p.value, 4)} {half(p.value, *p.interval)}", p.value) for p in own]
         rows.append(cells(name, *texts, next(unit(p.unit) for p in own if p)))
     columns = ("parameter", *(f"#{model}" for model in found.fits), "unit")

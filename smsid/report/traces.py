@@ -112,13 +112,8 @@ class Traces:
                 place = len(clocks)
                 clocks.append(t.time)
                 packed.append(_floats(t.time[_starts(len(t.time), most)]))
-            entry: dict[str, object] = {
-                "name": t.name,
-                "unit": unit(t.unit),
-                "clock": place,
-                "sigma": t.sigma,
-            }
-            entry["end"] = float(t.time[-1])
+            entry: dict[str, object] = {"name": t.name, "unit": unit(t.unit), "clock": place}
+            entry |= {"sigma": t.sigma, "end": float(t.time[-1])}
             for key, values in zip("mspb", (t.measured, t.simulated, t.residual, t.before), strict=True):
                 if values is not None:
                     entry[key] = _pack_series(values, most)

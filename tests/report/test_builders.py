@@ -101,7 +101,7 @@ TESTS = (
 
 
 def test_the_map_has_the_strongest_test_of_every_cell_and_marks_what_is_significant():
-    body = diagnosis_map("m", "map", TESTS, level=0.001).body
+    body = diagnosis_map("m", "map", TESTS).body
     assert body.rows == ["torque of joint2", "torque of joint10", "imu.acceleration"]
     assert body.columns == ["rate", "its own past (frequency)"]
     assert [[c.marked for c in row] for row in body.cells] == [[True, False], [False, False], [False, True]]
