@@ -9,7 +9,7 @@ import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Annotated, Any
 
 import typer
@@ -17,7 +17,7 @@ from typer.core import TyperGroup
 
 from smsid._version import __version__
 from smsid._xacro_arguments import xacro_arguments
-from smsid.cli.errors import CommandResult, error_document, print_json, with_output_options
+from smsid.cli.errors import INTERRUPTED, CommandResult, error_document, print_json, with_output_options
 from smsid.cli.output import WIDTH, error_console, wrap_text
 from smsid.errors import SmsidError
 
@@ -31,8 +31,7 @@ class Entry:
 
     def load(self, name: str) -> Any:
         """Import the command and return it as click knows it, with the options every command has."""
-        module, _, attribute = self.target.partition(":")
-        found = getattr(import_module(f"smsid.cli.{module}"), attribute)
+        found = resolve_name(f"smsid.cli.{self.target}")
         if isinstance(found, typer.Typer):
             for info in found.registered_commands:
                 if info.callback is not None and not hasattr(info.callback, "__wrapped__"):
@@ -54,12 +53,6 @@ def lazy_group(commands: Mapping[str, Entry]) -> type[TyperGroup]:
             return name, command, rest
 
     return LazyGroup
-
-
-def register(app: typer.Typer, commands: Mapping[str, Entry]) -> None:
-    """Put a placeholder for each command into an application whose class is `lazy_group`."""
-    for name, entry in commands.items():
-        app.command(name=name, help=entry.help)(lambda: None)  # never run
 
 
 # a new command is a line here; the order is that of the help, the module is imported when the command runs
@@ -104,8 +97,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-register(app, COMMANDS)
-INTERRUPTED = 130  # exit code
+for _name, _entry in COMMANDS.items():
+    app.command(name=_name, help=_entry.help)(lambda: None)  # a placeholder, never run
 ARGUMENT = re.compile(r"[A-Za-z_][\w.-]*:=")
 """An argument of a xacro, ``name:=value`` as in ROS; every command that reads a robot takes them."""
 

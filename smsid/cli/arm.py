@@ -58,8 +58,7 @@ def identify_and_judge(
     ``passive`` fit, see `smsid.arm.readings.with_passive_joints`. With ``usual`` every joint gets friction,
     offset, and a rotor, or a spring if nothing drives it; ``friction`` names more laws, see
     `smsid.arm.with_friction_laws`; with ``level`` gravity's direction is found as well; ``equal_errors``: as
-    `identify_arm` has it. ``report``: an HTML
-    to write as well, with the sums of the files ``inputs``.
+    `identify_arm` has it. ``report``: an HTML to write as well, with the sums of the files ``inputs``.
 
     Recordings of commands and encoders without torques are those of servos, see
     `smsid.arm.servo.identify_servos`; torques are then position errors times stiffness.

@@ -1,4 +1,4 @@
-"""``smsid campaign``: the command, ready to be registered with a typer application."""
+"""``smsid campaign``: a Monte Carlo campaign, run or gone on with, and what it says."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from smsid.campaign.run import Progress
     from smsid.campaign.summary import Summary
-    from smsid.report import Provenance, Report
 
 
 def _summary_path(output: Path) -> tuple[Path, ...]:
@@ -49,6 +48,7 @@ def campaign_command(
     """Run a Monte Carlo campaign; interrupted in any way, the same command goes on where it stopped."""
     from smsid.campaign.run import campaign_main, summary_path
     from smsid.campaign.store import read_store
+    from smsid.report.campaign import campaign_report
 
     how: dict[str, Any] = {"backend": backend, "workers": workers, "dask_address": dask, "runs": runs}
     try:
@@ -64,13 +64,10 @@ def campaign_command(
         warn(f"finished runs are in {output}; the same command goes on from there")
         raise typer.Abort from None
     header, records = read_store(output)
-
-    def page(origin: Provenance) -> Report:
-        from smsid.report.campaign import campaign_report
-
-        return campaign_report(header.plan["name"], summary, list(records), origin)
-
-    made = write_page(report, page, [plan, output], seed=header.plan["seed"])
+    name, seed = header.plan["name"], header.plan["seed"]
+    made = write_page(
+        report, lambda o: campaign_report(name, summary, list(records), o), [plan, output], seed=seed
+    )
     written = [output, summary_path(output), *made]
     print_parts(summary_parts(summary, everything=show_all))
     if summary.failed:

@@ -54,7 +54,6 @@ def demo_command(
     started = time.perf_counter()
     output.mkdir(parents=True, exist_ok=True)
     which = demonstration()
-    written: list[Path] = []
     # the paper's part and the replay have a process of their own: neither waits for the other on two cores
     with ProcessPoolExecutor(1, get_context("spawn"), initializer=_silent) as pool:
         paper, replay = pool.submit(run_paper, output, seed), pool.submit(_draw, which, output)
@@ -86,9 +85,9 @@ def demo_command(
         say(f"4. {step}")
     say("5. The paper's Table 2, from a guess that is off:")
     out.print(report_table(table_2(done.estimate)))
-    names = ("estimate.json", "diagnosis.json", "extended.toml", "extended.urdf", "exp1.nc", "exp2.nc")
-    names = (*names, "paper_guess.urdf", "paper_guess.toml", "paper_estimate.json")
-    written += [*(output / n for n in names), *drawn, page]
+    names = ("estimate.json", "diagnosis.json", "extended.toml", "extended.urdf", "exp1.nc", "exp2.nc",
+             "paper_guess.urdf", "paper_guess.toml", "paper_estimate.json")  # fmt: skip
+    written = [*(output / n for n in names), *drawn, page]
     for file in drawn:
         say(f"replay: {file}")
     if not drawn:
@@ -168,14 +167,12 @@ EFFECTS = {
 class PaperRun:
     """What came of the paper's experiments.
 
-    ``estimate`` started from a guess that is off; ``truth`` are true values by name, ``notes`` of
-    the flights.
+    ``estimate`` started from a guess that is off; ``truth`` are true values by name, ``notes`` of flights.
     """
 
     estimate: Estimate
     truth: dict[str, float]
     notes: tuple[str, ...]
-    seconds: float
 
 
 def identify_craft(which: Demonstration) -> tuple[Description, Recording, Recording, Refinement, float]:
@@ -210,7 +207,6 @@ def run_paper(folder: Path, seed: int) -> PaperRun:
     from smsid.recording import save_recording
     from smsid.report.demo import TrueWorld, described_bodies
 
-    started = time.perf_counter()
     true = load_description(urdf_folder() / "paper_sms.toml")
     model = build_model(true)
     rng = np.random.default_rng(seed)
@@ -232,9 +228,7 @@ def run_paper(folder: Path, seed: int) -> PaperRun:
     values |= {"total.mass": float(model.mass)}
     # combinations with the bus carry the panel, whose density is off as well
     world = TrueWorld(described_bodies(true), described_bodies(guess), values, unsaid=("bus",))
-    return PaperRun(
-        estimate, world.values_of(estimate.parameters), tuple(notes), time.perf_counter() - started
-    )
+    return PaperRun(estimate, world.values_of(estimate.parameters), tuple(notes))
 
 
 def wrong_guess(description: Description, folder: Path) -> Description:

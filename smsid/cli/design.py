@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from smsid.cli.errors import CommandResult
+from smsid.cli.errors import INTERRUPTED, CommandResult
 from smsid.cli.inputs import write_page
 from smsid.cli.options import DescriptionPath, Output, ReportPath, ShowAll
 from smsid.cli.output import print_parts, say, show_spinner
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from smsid.report import Provenance, Report
 
 SHARE = re.compile(r"\s*([0-9.eE+-]+)\s*(%?)\s*")
-INTERRUPTED = 130
 
 
 def design_command(

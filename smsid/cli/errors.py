@@ -22,6 +22,7 @@ from smsid.errors import SmsidError
 
 AsJson = Annotated[bool, typer.Option("--json", help="print the result as JSON, and nothing else, on stdout")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
+INTERRUPTED = 130  # exit code
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,6 @@ class CommandResult:
     written: Sequence[Path | str] = ()
     exit_code: int = 0
     untold: bool = False
-
-    def table(self) -> dict[str, Any]:
-        """Return the document as printed."""
-        return {"exit_code": self.exit_code, "written": [str(p) for p in self.written], **self.document}
 
 
 def with_output_options(function: Callable[..., Any]) -> Callable[..., None]:
@@ -93,7 +90,8 @@ def _run(command: Callable[[], Any], mode: OutputMode) -> None:
     outcome = result if isinstance(result, CommandResult) else CommandResult()
     if mode.json:
         text = {} if isinstance(result, CommandResult) and result.document else {"text": hidden.getvalue()}
-        print_json({**outcome.table(), **text}, stdout)
+        written = [str(p) for p in outcome.written]
+        print_json({"exit_code": outcome.exit_code, "written": written, **outcome.document, **text}, stdout)
     if outcome.exit_code:
         raise typer.Exit(outcome.exit_code)
 

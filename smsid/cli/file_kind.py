@@ -22,7 +22,7 @@ SHOWN = {
     "controller": (f"{PARTS}:checked_controller", "smsid.cli.control:document_parts"),
     "control_study": (READ_JSON, "smsid.cli.control:study_parts"),
     "campaign": (f"{PARTS}:campaign_of", f"{PARTS}:campaign_parts"),
-    "campaign_summary": ("smsid.campaign.summary:load_summary", f"{PARTS}:summary_parts"),
+    "campaign_summary": ("smsid.campaign.summary:load_summary", "smsid.cli.campaign:summary_parts"),
     "campaign_plan": ("smsid.campaign:load_campaign", f"{PARTS}:plan_parts"),
     "mapping": ("smsid.recording.mapping:load_mapping", f"{PARTS}:mapping_parts"),
     "experiment": ("smsid.experiments:load_experiment", f"{PARTS}:experiment_parts"),
@@ -61,7 +61,7 @@ def kind_of(path: Path) -> str:
         case ".urdf" | ".xacro" | ".sdf" | ".mjcf" | ".xml":
             return "description"
         case ".toml":
-            return _kind_of_toml(path)
+            return toml_kind(read_toml(path)) or "description"
         case suffix if suffix in PICTURES:
             raise SmsidError(f"'{path}' is {PICTURES[suffix]}.", advice="Open it with a program for those.")
         case suffix if suffix in LOGS:
@@ -95,8 +95,3 @@ def _kind_of_json(path: Path) -> str:
         f"'{path}' {what}.",
         advice="Show an estimate, a diagnosis, a controller or the summary of a campaign.",
     )
-
-
-def _kind_of_toml(path: Path) -> str:
-    table = read_toml(path)
-    return toml_kind(table) or "description"

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from smsid.description import Description
     from smsid.estimation.flight import FlightOptions
-    from smsid.estimation.identify_flights import FlightEstimate
     from smsid.recording import Recording
     from smsid.report import Provenance, Report
 
@@ -158,7 +157,14 @@ def identify_command(
     show_all: ShowAll = False,
     unchecked: Unchecked = False,
     report: ReportPath = None,
-    states: StatesPath = None,
+    states: Annotated[
+        Path | None,
+        typer.Option(
+            help="recording to write as well of what no sensor saw: slosh, modes and biases with standard "
+            "deviations; identifies by the filter (--method filter)",
+        ),
+        Writes((".nc",)),
+    ] = None,
 ) -> CommandResult:
     """Identify a spacecraft from recordings; the description's values are only the starting guess."""
     from smsid.description import load_description
@@ -216,7 +222,12 @@ def identify_command(
 
     made = write_page(report, page, [description, *files], described)
     if states is not None and found.flights is not None:
-        write_states(found.flights, states)
+        from smsid.estimation.hidden_states import hidden_states
+        from smsid.recording import save_recording
+
+        with show_spinner("smoothing hidden states"):
+            hidden = hidden_states(found.flights)
+        save_recording(hidden, states)
     more = linear.estimate.notes if linear is not None and found.refined is not None else ()
     print_estimate(estimate, more, everything=show_all)
     written = [output, *made, *([states] if states is not None else [])]
@@ -290,24 +301,3 @@ def _point(text: str) -> tuple[float, float, float]:
     if not all(isfinite(v) for v in (x, y, z)):
         raise SmsidError(f"--tracked-point '{text}' is not finite.", advice="Give three numbers [m].")
     return x, y, z
-
-
-StatesPath = Annotated[
-    Path | None,
-    typer.Option(
-        "--states",
-        help="recording to write as well of what no sensor saw: slosh, modes and biases with standard "
-        "deviations; identifies by the filter (--method filter)",
-    ),
-    Writes((".nc",)),
-]
-
-
-def write_states(found: FlightEstimate, path: Path) -> None:
-    """Write the smoothed hidden states of flights as a recording."""
-    from smsid.estimation.hidden_states import hidden_states
-    from smsid.recording import save_recording
-
-    with show_spinner("smoothing hidden states"):
-        states = hidden_states(found)
-    save_recording(states, path)

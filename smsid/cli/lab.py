@@ -214,6 +214,8 @@ def modal(
     names = tuple(channel or _require_one_quantity(log))
     log.require(*names)
     outputs, rate = even_with_gaps(log, names)
+    missing = ~np.isfinite(outputs).all(axis=1)
+    runs = [outputs[kept] for kept in np.ma.clump_unmasked(np.ma.masked_where(missing, missing))]
     one = outputs.shape[1] == 1
     if free and not one:
         raise RecordingError(
@@ -231,16 +233,14 @@ def modal(
                 raise
             why = error.message
     if found is None or not (found.modes or found.harmonics or not one):
-        decay = max(_finite_runs(outputs), key=len)[:, 0]
-        return _free_decay(decay, rate, highest, log.name, output, "" if free else why)
+        return _free_decay(max(runs, key=len)[:, 0], rate, highest, log.name, output, "" if free else why)
     estimate = found.estimate(log.name)
     save_estimate(estimate, output)
 
     def page(origin: Provenance) -> Report:
         from smsid.report.modal import modal_report
 
-        longest = max(_finite_runs(outputs), key=len)
-        return modal_report(log.name, ", ".join(names), longest, rate, highest, found, origin)
+        return modal_report(log.name, ", ".join(names), max(runs, key=len), rate, highest, found, origin)
 
     written = [output, *write_page(report, page, [recording], seed=seed)]
     print_estimate(estimate)
@@ -258,8 +258,7 @@ def modal(
             f"{100 * found.drift:.0f} % of the variance moves fewer than 20 times in the record: a drift, "
             "which hides modes; high-pass it"
         )
-    gaps = len(_finite_runs(outputs)) - 1
-    if gaps:
+    if gaps := len(runs) - 1:
         say(f"{gaps} {'gap' if gaps == 1 else 'gaps'} left out; no correlation reaches across")
     harmonics = [{"value": float(f), "unit": "Hz"} for f in found.harmonics]
     faint = [{"value": float(f), "unit": "Hz"} for f in found.faint]
@@ -297,15 +296,6 @@ def _require_one_quantity(log: Recording) -> tuple[str, ...]:
         f"The recording has {len(names)} channels of several kinds.",
         advice=f"Choose with --channel one or more of {', '.join(names)}.",
     )
-
-
-def _finite_runs(outputs: np.ndarray) -> list[np.ndarray]:
-    """Return the runs of finite rows of outputs (N, l)."""
-    import numpy as np
-
-    bad = ~np.isfinite(outputs).all(axis=1)
-    pieces = np.split(outputs, np.flatnonzero(np.diff(bad.astype(int))) + 1)
-    return [piece for piece in pieces if len(piece) and np.isfinite(piece).all()]
 
 
 def oscillator(

@@ -45,11 +45,6 @@ def output_options(mode: OutputMode) -> Iterator[None]:
             handler.setLevel(level)
 
 
-def is_quiet() -> bool:
-    """Return whether nothing but errors is to be printed."""
-    return _now.quiet
-
-
 def asks_json() -> bool:
     """Return whether the result is to be printed as JSON, and nothing for people."""
     return _now.json

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from importlib import import_module
+from collections.abc import Iterator
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Any
 
 import typer
@@ -40,7 +40,7 @@ def show_file(path: Path, *, everything: bool = False) -> Iterator[Any]:
     """
     kind = kind_of(path)
     loader, parts = SHOWN[kind]
-    yield from _import_named(parts)(_import_named(loader)(path), everything=everything)
+    yield from resolve_name(parts)(resolve_name(loader)(path), everything=everything)
 
 
 def file_document(path: Path) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def file_document(path: Path) -> dict[str, Any]:
     if kind not in ("recording", "track", "estimate", "experiment", "campaign", "campaign_plan", "mapping",
                     "description"):  # fmt: skip
         return {"kind": kind, kind: read_json(path)}
-    found = _import_named(SHOWN[kind][0])(path)
+    found = resolve_name(SHOWN[kind][0])(path)
     match kind:
         case "recording":
             from smsid.cli.show_parts import recording_document
@@ -72,8 +72,3 @@ def file_document(path: Path) -> dict[str, Any]:
         model = build_model(found)
         document |= {"degrees_of_freedom": model.nv, "mass": {"value": model.mass, "unit": "kg"}}
     return {"kind": kind, kind: document}
-
-
-def _import_named(target: str) -> Callable[..., Any]:
-    module, _, name = target.partition(":")
-    return getattr(import_module(module), name)

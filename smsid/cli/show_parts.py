@@ -71,7 +71,6 @@ def estimate_and_notes(found: Estimate, *, everything: bool) -> Iterator[Any]:
 
 def track_parts(found: TrackHistory, *, everything: bool) -> Iterator[Any]:
     """Yield the parameters that were followed, where they began and ended, what jumped, and notes."""
-
     from smsid.cli.track import history_parts
 
     flights = f"{', '.join(found.recordings)}: {found.time[-1] - found.time[0]:g} s"
@@ -110,16 +109,11 @@ def campaign_of(path: Path) -> tuple[StoreHeader, Summary]:
 
 def campaign_parts(found: tuple[StoreHeader, Summary], *, everything: bool) -> Iterator[Any]:
     """Yield the summary of a campaign's runs."""
+    from smsid.cli.campaign import summary_parts
+
     header, summary = found
     yield f"campaign '{header.plan['name']}' of '{header.plan['description']}'"
     yield from summary_parts(summary, everything=everything)
-
-
-def summary_parts(found: Summary, *, everything: bool) -> Iterator[Any]:
-    """Yield a campaign's summary."""
-    from smsid.cli import campaign
-
-    yield from campaign.summary_parts(found, everything=everything)
 
 
 def plan_parts(plan: Campaign, *, everything: bool) -> Iterator[Any]:
@@ -195,7 +189,6 @@ def _joints(model: SpacecraftModel) -> Table:
 
 
 def _keys(table: dict[str, Any], everything: bool) -> Table:
-
     shown = plain_table("key", "value", left=("key", "value"))
     if everything:
         shown.columns[1].no_wrap, shown.columns[1].overflow = False, "fold"

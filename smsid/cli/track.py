@@ -23,9 +23,7 @@ if TYPE_CHECKING:
     from smsid.tracking.followed_parameters import Rate
     from smsid.tracking.history import TrackHistory
 
-LONGEST = 44  # characters of a name in the table, unless all is asked for
 SHOWN = 24  # parameters in the table, unless all are asked for
-
 
 Changes = Annotated[
     bool,
