@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from smsid.comparison.common_basis import slope_of
 from smsid.comparison.explanations import Explained
 from smsid.comparison.result import Finding, FindingKind, FindingQuantity
 from smsid.effects.inertial_parameters import pseudo_inertia
@@ -104,13 +105,7 @@ def _propagate(
     function: Callable[[np.ndarray], np.ndarray], theta: np.ndarray, covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a function of parameters (10,) and its covariance, to first order."""
-    steps = 1e-6 * np.maximum(np.abs(theta), 1e-3 * abs(theta[0]))
-    columns = []
-    for i, h in enumerate(steps):
-        step = np.zeros(len(theta))
-        step[i] = h
-        columns.append((function(theta + step) - function(theta - step)) / (2.0 * h))
-    slope = np.array(columns).T
+    slope = slope_of(function, theta)
     return function(theta), slope @ covariance @ slope.T
 
 
@@ -119,6 +114,5 @@ def _may_exist(theta: np.ndarray, covariance: np.ndarray) -> bool:
     theta = theta * np.sign(theta[0])
     size, basis = np.linalg.eigh(pseudo_inertia(theta))
     worst = basis[:, 0]
-    units = np.eye(10)
-    row = np.array([worst @ pseudo_inertia(u) @ worst for u in units])
+    row = np.array([worst @ pseudo_inertia(unit) @ worst for unit in np.eye(10)])
     return bool(size[0] > -SURE * np.sqrt(row @ covariance @ row))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -92,7 +92,7 @@ def common_basis(first: Estimate, second: Estimate, sizes: Mapping[str, float] |
             taken.add(j)
             left, right = np.eye(len(a.names))[i], np.eye(len(b.names))[j]
             rows.append(_Row(name, a.units[i], left, right, a.factors[i]))
-    known = [r.name for r in rows]
+    known = {r.name for r in rows}
     lone: list[tuple[Literal["first", "second"], int]] = []
     lone.extend(("first", i) for i, n in enumerate(a.names) if n not in known)
     lone.extend(("second", j) for j in range(len(b.names)) if j not in taken)
@@ -107,9 +107,9 @@ def common_basis(first: Estimate, second: Estimate, sizes: Mapping[str, float] |
         row = _Row(own.names[k], own.units[k], *pair, own.factors[k], derived=True)
         if _is_new(row, rows):
             rows.append(row)
-    endless = "its interval has no end"
-    refused.extend(NotComparable(p.name, "first", endless) for p in first.parameters if p.sigma == np.inf)
-    refused.extend(NotComparable(p.name, "second", endless) for p in second.parameters if p.sigma == np.inf)
+    for estimate, which in ((first, "first"), (second, "second")):
+        endless = [p.name for p in estimate.parameters if p.sigma == np.inf]
+        refused += [NotComparable(name, which, "its interval has no end") for name in endless]
     left = np.array([r.left for r in rows]).reshape(len(rows), len(a.names))
     right = np.array([r.right for r in rows]).reshape(len(rows), len(b.names))
     return Common(
@@ -214,6 +214,12 @@ CENTRAL = tuple(f"c{n[1:]}" if n[0] == "m" else f"Ic{n[1:]}" for n in INERTIAL_N
 STEP = 1e-6  # of the parameters, for derivatives
 
 
+def slope_of(function: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
+    """Return the derivative (k, 10) of a function (k,) of a body's parameters theta (10,)."""
+    steps = STEP * np.diag(np.maximum(np.abs(theta), 1e-3 * abs(theta[0])))
+    return np.array([(function(theta + s) - function(theta - s)) / (2.0 * s.sum()) for s in steps]).T
+
+
 def in_terms_of(estimate: Estimate, other: Estimate) -> Estimate:
     """Return an estimate with bodies about their centre of mass where the ``other`` has them so, only.
 
@@ -234,15 +240,14 @@ def _about_centre(estimate: Estimate, body: str, names: list[str], own: list[int
     parameters = list(estimate.parameters)
     at = {n: [p.name for p in parameters].index(n) for n in names if n in {p.name for p in parameters}}
     theta = np.array([parameters[at[n]].value if n in at else 0.0 for n in names])
-    steps = STEP * np.diag(np.maximum(np.abs(theta), 1e-3 * abs(theta[0])))
-    columns = [(about_centre(theta + s) - about_centre(theta - s)) / (2.0 * s.sum()) for s in steps]
+    by_origin = slope_of(about_centre, theta)
     slope = np.eye(len(parameters))
     for k in own:
         row = at[names[k + 1]]
         slope[row] = 0.0
-        for n, column in zip(names, columns, strict=True):
+        for n, x in zip(names, by_origin[k], strict=True):
             if n in at:
-                slope[row, at[n]] = column[k]
+                slope[row, at[n]] = x
     covariance = estimate.covariance
     if covariance is None:
         covariance = np.diag([p.sigma**2 for p in parameters])

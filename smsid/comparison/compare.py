@@ -47,7 +47,7 @@ def compare(
     """
     model = None if description is None else build_model(description)
     common = common_basis(first, second, _sizes(model))
-    called = names or (_recording_names(first, "first"), _recording_names(second, "second"))
+    called = names or (", ".join(first.recordings) or "first", ", ".join(second.recordings) or "second")
     parameters = _changes(common)
     statistic, freedom, p_value = None, 0, None
     notes = list(_notes(first, second, common, called))
@@ -162,10 +162,6 @@ def _tanks(model: SpacecraftModel | None) -> tuple[Propellant, ...]:
         if joint > 0:
             found.append(Propellant(effect.name, bodies[joint - 1], np.asarray(at)))
     return tuple(found)
-
-
-def _recording_names(estimate: Estimate, otherwise: str) -> str:
-    return ", ".join(estimate.recordings) or otherwise
 
 
 def _notes(first: Estimate, second: Estimate, common: Common, called: tuple[str, str]) -> Iterator[str]:

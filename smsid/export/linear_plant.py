@@ -71,21 +71,13 @@ class LinearPlant:
     def document(self) -> dict[str, Any]:
         """Return it as a dictionary of arrays and names, as the files hold it."""
         n, m = self.b.shape
-        found: dict[str, Any] = {
-            "name": self.name,
-            "A": self.a,
-            "B": self.b,
-            "C": np.eye(n),
-            "D": np.zeros((n, m)),
-        }
+        found: dict[str, Any] = {"name": self.name, "A": self.a, "B": self.b}
+        found |= {"C": np.eye(n), "D": np.zeros((n, m))}
         found |= {"states": self.states, "outputs": self.states, "units": self.units}
         found |= {"inputs": self.inputs, "input_units": self.input_units, "notes": self.notes}
         if self.a_sigma is not None and self.b_sigma is not None:
             found |= {"A_sigma": self.a_sigma, "B_sigma": self.b_sigma}
-            found |= {
-                "A_draws": np.array([a for a, _ in self.draws]),
-                "B_draws": np.array([b for _, b in self.draws]),
-            }
+            found |= {f"{name}_draws": np.array([x[k] for x in self.draws]) for k, name in enumerate("AB")}
         return found
 
 
@@ -114,11 +106,10 @@ def linear_plant(
     plant = _linearise(identified_model(smooth, estimate).model, description.name, notes)
     found = []
     for values in _draw_parameters(estimate, draws, rng or np.random.default_rng(0)):
-        parameters = tuple(
-            replace(p, value=float(x)) for p, x in zip(estimate.parameters, values, strict=True)
-        )
+        pairs = zip(estimate.parameters, values, strict=True)
+        drawn = replace(estimate, parameters=tuple(replace(p, value=float(x)) for p, x in pairs))
         try:
-            one = _linearise(identified_model(smooth, replace(estimate, parameters=parameters)).model, "", [])
+            one = _linearise(identified_model(smooth, drawn).model, "", [])
         except SmsidError as error:  # a draw that no rigid body can have
             logger.info("a draw of the estimate is left out: %s", error)
             continue
@@ -194,10 +185,8 @@ def _linearise(model: SpacecraftModel, name: str, notes: Sequence[str]) -> Linea
                 f"'{name}' cannot rest at home: it accelerates by {left:.3g} whatever its inputs.",
                 advice="Linearise it without gravity, or where its springs are at rest.",
             )
-        notes.append(
-            "about constant inputs "
-            + ", ".join(f"{n} = {x:.6g}" for n, x in zip(inputs, held, strict=True) if x)
-        )
+        constant = ", ".join(f"{n} = {x:.6g}" for n, x in zip(inputs, held, strict=True) if x)
+        notes.append(f"about constant inputs {constant}")
     by_position, by_rate = np.zeros((nv, nv)), np.zeros((nv, nv))
     for k in range(nv):
         way = np.zeros(nv)
@@ -210,17 +199,8 @@ def _linearise(model: SpacecraftModel, name: str, notes: Sequence[str]) -> Linea
     by_rate = by_rate * (scale[:, None] / scale)
     a = np.block([[np.zeros((nv, nv)), np.eye(nv)], [by_position, by_rate]])
     b = np.vstack([np.zeros((nv, columns.shape[1])), scale[:, None] * by_input])
-    rates = [f"{u}/s" for u in units]
-    return LinearPlant(
-        name,
-        a,
-        b,
-        (*names, *(f"{n} rate" for n in names)),
-        (*units, *rates),
-        inputs,
-        input_units,
-        notes=tuple(notes),
-    )
+    states, units = (*names, *(f"{n} rate" for n in names)), (*units, *(f"{u}/s" for u in units))
+    return LinearPlant(name, a, b, states, units, inputs, input_units, notes=tuple(notes))
 
 
 def _slope(values: list[np.ndarray]) -> np.ndarray:
@@ -232,16 +212,12 @@ def _inputs(model: SpacecraftModel) -> tuple[tuple[str, ...], tuple[str, ...], n
     """Return names, units and generalised forces (nv, m) of the inputs."""
     names, units, columns = [], [], []
     if model.free:
-        for what, unit in (("force", "N"), ("torque", "N m")):
-            for k in range(3):
-                unity = np.eye(3)[k]
-                pair = (unity, np.zeros(3)) if what == "force" else (np.zeros(3), unity)
-                names.append(f"{what}.{AXES[k]}")
-                units.append(unit)
-                columns.append(model.body_force(*pair))
+        names += [f"{what}.{axis}" for what in ("force", "torque") for axis in AXES]
+        units += [*3 * ("N",), *3 * ("N m",)]
+        columns += [model.body_force(x[:3], x[3:]) for x in np.eye(6)]
     for group, what in ((model.wheels, "wheel torque"), (model.arm_joints, "joint torque")):
         for name, j, v in zip(group.names, group.joints, group.v, strict=True):
-            slides = "P" in model.pin.joints[int(j)].shortname().removeprefix("JointModel")[:1]
+            slides = model.pin.joints[int(j)].shortname().startswith("JointModelP")
             names.append(f"{name} {'force' if slides else what}")
             units.append("N" if slides else "N m")
             columns.append(np.eye(model.nv)[int(v)])
@@ -258,10 +234,8 @@ def _coordinates(model: SpacecraftModel) -> tuple[list[str], list[str], np.ndarr
         own = range(joint.idx_v, joint.idx_v + joint.nv)
         if joint.nv == 6:
             for k, i in enumerate(own):
-                names[i], units[i] = (
-                    f"{label}.{'position' if k < 3 else 'rotation'}.{AXES[k % 3]}",
-                    "m" if k < 3 else "rad",
-                )
+                names[i] = f"{label}.{'position' if k < 3 else 'rotation'}.{AXES[k % 3]}"
+                units[i] = "m" if k < 3 else "rad"
         else:
             slides = joint.shortname().removeprefix("JointModel").startswith(("P", "Translation"))
             for k, i in enumerate(own):

@@ -21,7 +21,7 @@ from smsid.effects.joint_state import Counterpart
 from smsid.errors import DescriptionError
 from smsid.likelihood.pseudo_inertia import inertial_parameters
 from smsid.model.regressor import body_names
-from smsid.model.spacecraft import SpacecraftModel
+from smsid.model.spacecraft import SpacecraftModel, motion_columns
 
 GROUND = "world"  # the name that MuJoCo keeps for what nothing moves
 
@@ -54,9 +54,6 @@ def write_mjcf(model: SpacecraftModel) -> str:
     while own in names:
         own += "_"
     names = tuple(own if n == GROUND else n for n in names)
-    children: dict[int, list[int]] = {j: [] for j in range(p.njoints)}
-    for j in range(1, p.njoints):
-        children[p.parents[j]].append(j)
     sites = _sites(model)
     stacked = stacked_joints(p)
 
@@ -76,7 +73,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
             extra += f' frictionloss="{numbers(dry[k])}"' if dry[k] > 0.0 else ""
             stiffness, damping = stiffness + stiffness_of[k], damping + damping_of[k]
             lines.append(
-                f'{indent}<joint name={quoteattr(_joint_name(p, j, i))} type="{kind}" axis="{numbers(axis)}" '
+                f'{indent}<joint name={quoteattr(joint_name(p, j, i))} type="{kind}" axis="{numbers(axis)}" '
                 f'stiffness="{numbers(stiffness)}" damping="{numbers(damping)}"{extra}{_range(p, j)}/>'
             )
         return lines
@@ -100,11 +97,11 @@ def write_mjcf(model: SpacecraftModel) -> str:
             lines += joint_lines(k, indent + "  ", seen)
         lines.append(f"{indent}  {inertial(theta[j])}")
         lines += [f"{indent}  {site}" for site in sites.get(j, [])]
-        for c in children[j]:
+        for c in p.children[j]:
             lines += body_lines(c, depth + 1)
         return [*lines, f"{indent}</body>"]
 
-    body = [line for c in children[0] for line in body_lines(c, 2)]
+    body = [line for c in p.children[0] for line in body_lines(c, 2)]
     scales = [
         f"{p.names[j]}: delta = {s:.9g} x coordinate"
         for a in model.appendages
@@ -127,7 +124,7 @@ def write_mjcf(model: SpacecraftModel) -> str:
             *_actuators(model, forces),
             "  </actuator>",
             "  <keyframe>",
-            f'    <key name="home" qpos="{numbers(_home(model, children))}"/>',
+            f'    <key name="home" qpos="{numbers(_home(model))}"/>',
             "  </keyframe>",
             "</mujoco>",
             "",
@@ -135,7 +132,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
     )
 
 
-def _joint_name(p: pin.Model, j: int, i: int) -> str:
+def joint_name(p: pin.Model, j: int, i: int) -> str:
+    """Return what MuJoCo's joint of coordinate i of joint j is called."""
     return str(p.names[j]) if p.joints[j].nv == 1 else f"{p.names[j]}.{'xyz'[i]}"
 
 
@@ -274,7 +272,7 @@ def _bound(limit: float | None) -> str:
     return "" if limit is None else f' ctrllimited="true" ctrlrange="{numbers([-limit, limit])}"'
 
 
-def _home(model: SpacecraftModel, children: dict[int, list[int]]) -> list[float]:
+def _home(model: SpacecraftModel) -> list[float]:
     """qpos at home, in MuJoCo's order: depth first."""
     p, q = model.pin, model.home
     out: list[float] = []
@@ -288,10 +286,10 @@ def _home(model: SpacecraftModel, children: dict[int, list[int]]) -> list[float]
             out.append(float(np.arctan2(at[1], at[0])))
         else:
             out.extend(at.tolist())
-        for c in children[j]:
+        for c in p.children[j]:
             visit(c)
 
-    for c in children[0]:
+    for c in p.children[0]:
         visit(c)
     return out
 
@@ -308,11 +306,9 @@ def joint_axes(p: pin.Model) -> dict[int, np.ndarray]:
     Raises:
         DescriptionError: a joint that is not free, a hinge, a slide or three slides.
     """
-    data = p.createData()
-    pin.forwardKinematics(p, data, pin.neutral(p), np.zeros(p.nv))
     found = {}
     for j in range(1, p.njoints):
-        s = np.asarray(data.joints[j].S).reshape(6, -1)
+        s = motion_columns(p, j)
         simple = s.shape[1] == 1 and not (s[:3].any() and s[3:].any())
         if not (simple or p.joints[j].nq == 7 or p.joints[j].shortname() == "JointModelTranslation"):
             raise DescriptionError(
@@ -329,15 +325,10 @@ def stacked_joints(p: pin.Model) -> dict[int, int]:
 
     The other body has both joints in MuJoCo, as those of a hip or a wrist that turns about a point.
     """
-    children: dict[int, list[int]] = {}
-    for j in range(1, p.njoints):
-        children.setdefault(int(p.parents[j]), []).append(j)
     return {
-        j: children[j][0]
+        j: int(p.children[j][0])
         for j in range(1, p.njoints)
-        if len(children.get(j, ())) == 1
-        and p.joints[j].nv == 1
-        and not p.inertias[j].toDynamicParameters().any()
+        if len(p.children[j]) == 1 and p.joints[j].nv == 1 and not p.inertias[j].toDynamicParameters().any()
     }
 
 

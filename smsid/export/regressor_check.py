@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.errors import SmsidError
+from smsid.export.mjcf import joint_name, write_mjcf
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
@@ -80,8 +81,6 @@ def check_regressor(model: SpacecraftModel, rng: np.random.Generator, *, states:
     if importlib.util.find_spec("mujoco") is None:
         missing.append("MuJoCo is not installed: pip install mujoco")
     else:
-        from smsid.export.mjcf import write_mjcf  # export is built on models
-
         try:
             xml = write_mjcf(model)
         except SmsidError as error:
@@ -141,15 +140,14 @@ def mujoco_torques(
     p, out, turn = model.pin, np.empty_like(v), np.eye(3)
     free = [j for j in range(1, p.njoints) if p.joints[j].nq == 7]
     single = [  # joint, which of its coordinates, MuJoCo's joint
-        (p.joints[j], i, engine.joint(p.names[j] if p.joints[j].nv == 1 else f"{p.names[j]}.{'xyz'[i]}"))
+        (p.joints[j], i, engine.joint(joint_name(p, j, i)))
         for j in range(1, p.njoints)
         if j not in free
         for i in range(p.joints[j].nv)
     ]
     for n in range(len(q)):
-        for (
-            j
-        ) in free:  # the root, with linear velocity in inertial axes and the scalar of the quaternion first
+        # the root, with linear velocity in inertial axes and the scalar of the quaternion first
+        for j in free:
             iq, iv, here = p.joints[j].idx_q, p.joints[j].idx_v, engine.joint(p.names[j])
             at, dof = int(here.qposadr[0]), int(here.dofadr[0])
             turn = pin.Quaternion(q[n, iq + 3 : iq + 7]).toRotationMatrix()
