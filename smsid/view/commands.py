@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from smsid.errors import require
 from smsid.view.look import FIELD_OF_VIEW, fitted_camera
-from smsid.view.parts import SceneNode
+from smsid.view.parts import SceneNode, move_pose
 from smsid.view.scene import Scene
 from smsid.view.shapes import Box, Cylinder, Lines, Material, Mesh, Shape, Sphere, Stars
 
@@ -188,7 +188,7 @@ def _surroundings(scene: Scene) -> Iterator[Command]:
     yield {"type": "set_object", "path": "/Lights/Sun", "object": _sun(scene)}
     camera = fitted_camera(scene.corners)
     x, y, z = (float(c) for c in camera.offset)
-    yield transform(PREFIX, _translation(-camera.target))  # meshcat's camera always looks at its origin
+    yield transform(PREFIX, move_pose(-camera.target))  # meshcat's camera always looks at its origin
     yield _property(CAMERA, "fov", FIELD_OF_VIEW)
     yield _property(CAMERA, "far", 200.0 * radius)
     yield _property(CAMERA, "position", [x, z, -y])
@@ -206,19 +206,13 @@ def sky_commands(scene: Scene, background: str) -> Iterator[Command]:
         yield {"type": "delete", "path": SKY}
 
 
-def _translation(shift: np.ndarray) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = shift
-    return pose
-
-
 def _sun(scene: Scene) -> dict[str, Any]:
     reach = 2.0 * scene.radius
     camera: dict[str, Any] = {"uuid": _id("sun", "camera"), "type": "OrthographicCamera", "zoom": 1.0}
     camera |= {"left": -reach, "right": reach, "top": reach, "bottom": -reach}
     camera |= {"near": 0.1, "far": 8.0 * scene.radius}
     shadow = {"mapSize": [4096, 4096], "bias": -0.0004, "normalBias": 0.02, "radius": 2.0, "camera": camera}
-    place = _translation(4.0 * scene.radius * SUN_FROM / np.linalg.norm(SUN_FROM))
+    place = move_pose(4.0 * scene.radius * SUN_FROM / np.linalg.norm(SUN_FROM))
     node: dict[str, Any] = {"type": "DirectionalLight", "uuid": _id("sun"), "color": 0xFFF6E8}
     node |= {"intensity": 0.85, "shadow": shadow, "matrix": _flat(place)}
     return {**_META, "geometries": [], "materials": [], "object": node}

@@ -24,7 +24,7 @@ from smsid.view.arrows import tool_positions
 from smsid.view.commands import Command, scene_commands, sky_commands
 from smsid.view.drivers import DEFLECTION, DrawnFrames, StripDriver
 from smsid.view.look import ASPECT
-from smsid.view.parts import GHOST
+from smsid.view.parts import GHOST, node_name
 from smsid.view.replay import Companion, Replay
 from smsid.view.scene import Scene
 from smsid.view.shapes import Color
@@ -232,7 +232,7 @@ def _tip(played: Replay, name: str) -> np.ndarray | None:
     """Return how far the far edge of an appendage is from rest (N,) [mm], true to scale."""
     for part in reversed(played.scene.parts):
         driver = part.driver
-        if isinstance(driver, StripDriver) and part.path.split("/")[-2] == name.replace("/", "."):
+        if isinstance(driver, StripDriver) and part.path.split("/")[-2] == node_name(name):
             delta = played.motion.q[:, driver.q] * driver.scale
             end = driver.surface.displacement(np.array([driver.surface.length]))[0]
             return 1e3 * _norm(delta @ end)

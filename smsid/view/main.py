@@ -24,10 +24,10 @@ from smsid.view.motion import motion_of
 from smsid.view.recorded import channel, measured_samples
 from smsid.view.replay import Layout, Replay, replay
 from smsid.view.scene import Scene, build_scene
+from smsid.view.tracked import tracked_states
 from smsid.view.video import export_video, is_film
 
 if TYPE_CHECKING:
-    from smsid.simulate import States
     from smsid.tracking.history import TrackHistory
 
 
@@ -70,7 +70,7 @@ def build_replay(
     first = recordings[0]
     named = [(r.name if isinstance(r, Recording) else "tracked") for r in recordings]
     names = names or [n or f"recording {k}" for k, n in enumerate(named, start=1)]
-    motions = [r if isinstance(r, Recording) else _tracked_states(model, r) for r in recordings]
+    motions = [r if isinstance(r, Recording) else tracked_states(model, r) for r in recordings]
     beside: list = list(zip(names[1:], motions[1:], strict=True))
     if simulated:
         if not isinstance(first, Recording):
@@ -80,12 +80,6 @@ def build_replay(
     return replay(
         model, motions[0], beside=beside, label=label, layout=layout, look=look, fps=fps, speed=speed
     )
-
-
-def _tracked_states(model: SpacecraftModel, history: TrackHistory) -> States:
-    from smsid.view.tracked import tracked_states  # the tracker takes time to load
-
-    return tracked_states(model, history)
 
 
 def write_view(view: Replay | Scene, path: str | os.PathLike[str], *, fps: float = 20.0) -> Path:

@@ -16,6 +16,7 @@ from smsid.view.look import HULL_OPACITY, Look
 from smsid.view.momentum import momenta
 from smsid.view.motion import DrawnMotion
 from smsid.view.parts import GHOST, SceneNode, as_overlay
+from smsid.view.shapes import CORNERS
 from smsid.view.visuals import visuals_of
 
 ROOT = "spacecraft"
@@ -179,12 +180,11 @@ def world_poses(parts: Iterable[SceneNode], frames: DrawnFrames) -> dict[str, np
 
 def _corners(parts: list[SceneNode], frames: DrawnFrames) -> np.ndarray:
     """Return the corners (K, 3) [m] of the extents of all shapes in all frames."""
-    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     world, found = world_poses(parts, frames), [np.zeros((1, 3))]
     for part in parts:
         if part.half_size.any():
             at = world[part.path]
-            corners = (signs * part.half_size) @ at[:, :3, :3].swapaxes(1, 2) + at[:, None, :3, 3]
+            corners = (CORNERS * 2.0 * part.half_size) @ at[:, :3, :3].swapaxes(1, 2) + at[:, None, :3, 3]
             found.append(corners.reshape(-1, 3))
     return np.concatenate(found)
 

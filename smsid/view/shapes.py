@@ -75,6 +75,9 @@ class Stars:
     colors: np.ndarray
 
 
+CORNERS = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
+"""Corners (8, 3) of a box of unit size."""
+
 Shape = Box | Sphere | Cylinder | Mesh | Lines | Stars
 
 
@@ -109,20 +112,18 @@ def contains(shape: Shape, point: np.ndarray) -> bool:
 
 def box_edges(size: tuple[float, float, float]) -> Lines:
     """Return the twelve edges of a box."""
-    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * np.asarray(size) / 2
     pairs = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
-    return Lines(signs[np.array(pairs).ravel()])
+    return Lines(CORNERS[np.array(pairs).ravel()] * size)
 
 
 def boxes_mesh(boxes: list[tuple[tuple[float, float, float], tuple[float, float, float], Color]]) -> Mesh:
     """Return several boxes (centre, size, colour) as one mesh with a vertex each per face."""
-    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
     quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     vertices, faces, colors = [], [], []
     for centre, size, color in boxes:
         for quad in quads:
             first = 4 * len(faces)
-            vertices.append(corners[quad] * size + centre)
+            vertices.append(CORNERS[quad] * size + centre)
             faces.append([[first, first + 1, first + 2], [first, first + 2, first + 3]])
             colors.append(np.tile(color, (4, 1)))
     return Mesh(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colors))

@@ -44,9 +44,8 @@ class Surface:
         step = self.length / strips
         edges = np.stack([chosen * step, (chosen + 1) * step])
         at = edges.ravel()
-        points = np.einsum("nm,smk->nsk", delta, self.displacement(at)) + np.stack(
-            [at, np.zeros_like(at), np.zeros_like(at)], axis=-1
-        )
+        points = np.einsum("nm,smk->nsk", delta, self.displacement(at))
+        points[..., 0] += at
         start, end = points[:, : len(chosen)], points[:, len(chosen) :]
         angle = delta @ self.twist(edges.mean(axis=0)).T
         chord = end - start
@@ -97,12 +96,8 @@ def surface_of(appendage: Appendage) -> Surface:
             mean[:, 2] = level
             twists.append((s, slope))
         rows.append((s, mean))
-    rigid = not rows or not modes
-    bent = (
-        _constant(np.zeros((modes, 3)))
-        if rigid
-        else _clamped_spline(root, rows, np.zeros((modes, 3)), order=1)
-    )
+    rigid, flat = not rows or not modes, np.zeros((modes, 3))
+    bent = _constant(flat) if rigid else _clamped_spline(root, rows, flat, order=1)
     turned = _constant(still) if rigid or not twists else _clamped_spline(root, twists, still, order=2)
     return Surface(frame, float(size[0]), float(size[1]), float(size[2]), bent, turned, rigid)
 

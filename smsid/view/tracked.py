@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pinocchio as pin
 
 from smsid.errors import RecordingError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.simulate import States
-from smsid.tracking.history import TrackHistory
-from smsid.tracking.track_recordings import dof_names
+
+if TYPE_CHECKING:
+    from smsid.tracking.history import TrackHistory
 
 
 def tracked_states(model: SpacecraftModel, history: TrackHistory) -> States:
     """Return the motion of a track, slosh and bending with it, as states of a model; no forces are known.
 
     Smoothed by all that was read, where the track is.
+
     Raises `RecordingError` for a track of a spacecraft with other degrees of freedom.
     """
+    from smsid.tracking.track_recordings import dof_names  # the tracker takes time to load
+
     if (names := tuple(dof_names(model))) != history.dofs:
         other = sorted(set(history.dofs) ^ set(names))
         raise RecordingError(

@@ -88,7 +88,8 @@ def export_video(
             f"A film cannot be {size[0]} by {size[1]} pixels.", advice="Use even numbers, 500 wide."
         )
     imageio = require("imageio", "video").v2
-    if target.suffix.lower() == ".mp4":
+    kind = target.suffix.lower()
+    if kind == ".mp4":
         require("imageio_ffmpeg", "video")
     browser = found_browser()
     start, stop = float(view.motion.time[0]), float(view.motion.time[-1])
@@ -102,14 +103,14 @@ def export_video(
     with tempfile.TemporaryDirectory() as place, atomic_path(target) as temporary:
         page = export_html(view, Path(place) / "page.html").read_text(encoding="utf-8")
         # imageio chooses by the ending, which the temporary file need not have
-        kind = {".mp4": {"format": "FFMPEG", "macro_block_size": 2}, ".gif": {"format": "GIF", "loop": 0}}
-        options: dict[str, Any] = dict(kind[target.suffix.lower()])
-        rate = {"fps": fps} if target.suffix.lower() == ".mp4" else {"duration": 1000.0 / fps}
-        made = Path(place) / f"film{target.suffix.lower()}"
+        options: dict[str, Any] = {"format": "GIF", "loop": 0, "duration": 1000.0 / fps}
+        if kind == ".mp4":
+            options = {"format": "FFMPEG", "macro_block_size": 2, "fps": fps}
+        made = Path(place) / f"film{kind}"
         # a window has a frame even where nobody sees it, and browsers differ in how much of it that takes
         probe = imageio.imread(_draw_frames(browser, page, times[:1], size, Path(place))[0])
         window = (2 * size[0] - probe.shape[1], 2 * size[1] - probe.shape[0])
-        with imageio.get_writer(made, **options, **rate) as film:
+        with imageio.get_writer(made, **options) as film:
             for first in range(0, count, BATCH):
                 for picture in _draw_frames(browser, page, times[first : first + BATCH], window, Path(place)):
                     film.append_data(imageio.imread(picture)[..., :3])
