@@ -7,7 +7,6 @@ import logging
 import re
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from smsid.diagnose import DiagnosisRun
     from smsid.identify.estimate import Estimate
     from smsid.likelihood import Refinement
+    from smsid.paper.tables import IdentifiedExperiments
     from smsid.recording import Recording
     from smsid.report.demo import DemoCraft
     from smsid.report.model import Frame
@@ -128,9 +128,14 @@ def _draw(which: Demonstration, output: Path) -> tuple[Frame | None, list[Path]]
 
 
 def _page(
-    which: Demonstration, craft: DemoCraft, paper: PaperRun, output: Path, seed: int, picture: Frame | None
+    which: Demonstration,
+    craft: DemoCraft,
+    paper: IdentifiedExperiments,
+    output: Path,
+    seed: int,
+    picture: Frame | None,
 ) -> tuple[Path, Sequence[str]]:
-    from smsid.paper.tables import IdentifiedExperiments, paper_section
+    from smsid.paper.tables import paper_section
     from smsid.report import files_of, provenance, write_report
     from smsid.report.demo import demo_report
     from smsid.report.diagnose import DiagnosisInputs, diagnose_report
@@ -151,7 +156,7 @@ def _page(
     if picture is not None:
         replay = Link("flight.html", "The replay on a page of its own", "measured, described as a ghost")
         links.insert(0, replay)
-    tables = paper_section(IdentifiedExperiments(paper.estimate, paper.truth, paper.notes))
+    tables = paper_section(paper)
     report = demo_report(craft, tables, links, provenance(inputs, seed=seed), picture, shares)
     told = next(part.lines for part in report.sections[0].parts if isinstance(part, Text))
     return write_report(report, output / "report.html"), told
@@ -161,18 +166,6 @@ MASSES = (1.04, 0.94, 1.05, 0.96)  # of the bodies in turn: by what the guess is
 EFFECTS = {
     "mass": 1.06, "stiffness": 0.94, "damping": 1.2, "density": 0.96, "youngs_modulus": 1.05,
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class PaperRun:
-    """What came of the paper's experiments.
-
-    ``estimate`` started from a guess that is off; ``truth`` are true values by name, ``notes`` of flights.
-    """
-
-    estimate: Estimate
-    truth: dict[str, float]
-    notes: tuple[str, ...]
 
 
 def identify_craft(which: Demonstration) -> tuple[Description, Recording, Recording, Refinement, float]:
@@ -190,7 +183,7 @@ def identify_craft(which: Demonstration) -> tuple[Description, Recording, Record
     return description, estimation, validation, refinement, time.perf_counter() - started
 
 
-def run_paper(folder: Path, seed: int) -> PaperRun:
+def run_paper(folder: Path, seed: int) -> IdentifiedExperiments:
     """Fly both experiments of the paper in smsid's own simulation and identify them from a wrong guess.
 
     Writes ``exp1.nc``, ``exp2.nc``, guess and estimate into the folder. Meant for a process of its own.
@@ -203,6 +196,7 @@ def run_paper(folder: Path, seed: int) -> PaperRun:
     from smsid.identify.paper.pipeline import identify
     from smsid.likelihood import refine
     from smsid.model import build_model
+    from smsid.paper.tables import IdentifiedExperiments
     from smsid.paths import urdf_folder
     from smsid.recording import save_recording
     from smsid.report.demo import TrueWorld, described_bodies
@@ -228,7 +222,7 @@ def run_paper(folder: Path, seed: int) -> PaperRun:
     values |= {"total.mass": float(model.mass)}
     # combinations with the bus carry the panel, whose density is off as well
     world = TrueWorld(described_bodies(true), described_bodies(guess), values, unsaid=("bus",))
-    return PaperRun(estimate, world.values_of(estimate.parameters), tuple(notes))
+    return IdentifiedExperiments(estimate, world.values_of(estimate.parameters), notes)
 
 
 def wrong_guess(description: Description, folder: Path) -> Description:

@@ -111,9 +111,9 @@ def design_command(
 
     def page(origin: Provenance) -> Report:
         from smsid.model import build_model
-        from smsid.report.design import DesignInputs, design_report
+        from smsid.report.design import design_report
 
-        return design_report(found, build_model(described), DesignInputs(precision, limits), origin)
+        return design_report(found, build_model(described), limits, precision, origin)
 
     written = [output, *write_page(report, page, [description], described, seed=seed)]
     print_parts(_tables(found, show_all))

@@ -61,14 +61,13 @@ def compare(
     if changed and p_value is None:
         notes.append("what the changes mean is not evaluated: that takes the covariance of both estimates")
     elif changed or (p_value is not None and p_value < LEVEL):
-        explained = explain(common)
+        parts, left = explain(common)
         tanks = _tanks(model)
-        for part in explained.parts:
+        for part in parts:
             if part.hypothesis.kind == "body":
                 findings.append(added_body(part, tanks))
             else:
                 findings.append(_effect_change(part, common, description))
-        left = explained.left
         if left < UNEXPLAINED or not findings:
             findings.append(_unexplained_finding(parameters, left))
     overall = statistic, freedom, p_value, tuple(findings), left, tuple(notes)

@@ -49,14 +49,6 @@ class Explained:
     rivals: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Explanation:
-    """Hypotheses that explain the differences together, and the probability of what they leave."""
-
-    parts: tuple[Explained, ...]
-    left: float
-
-
 class Differences:
     """The differences of common parameters, whitened: ``white`` (r,) has unit covariance if nothing changed.
 
@@ -113,8 +105,11 @@ def hypotheses(common: Common) -> list[Hypothesis]:
     return found
 
 
-def explain(common: Common) -> Explanation:
-    """Return the physical changes that explain the differences, by stepwise selection."""
+def explain(common: Common) -> tuple[list[Explained], float]:
+    """Return the physical changes that explain the differences, and the probability of what they leave.
+
+    They are chosen by stepwise selection.
+    """
     whole = hypotheses(common)
     data = Differences(common)
     chosen = _select_hypotheses(data, whole)
@@ -129,9 +124,8 @@ def explain(common: Common) -> Explanation:
         chosen = _select_hypotheses(data, whole)
     left, rank = _remaining_chi2(data, chosen)
     parts = [_explanation_of(data, h, chosen, whole) for h in chosen]
-    parts.sort(key=lambda x: x.p_value)
     freedom = data.freedom - rank
-    return Explanation(tuple(parts), float(chi2.sf(left, freedom)) if freedom else 1.0)
+    return sorted(parts, key=lambda x: x.p_value), float(chi2.sf(left, freedom)) if freedom else 1.0
 
 
 def _select_hypotheses(data: Differences, whole: Sequence[Hypothesis]) -> list[Hypothesis]:

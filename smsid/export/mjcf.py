@@ -43,11 +43,8 @@ def write_mjcf(model: SpacecraftModel) -> str:
     p = model.pin
     axes = joint_axes(p)
     theta = with_lent_inertia(p, axes)
-    springs = dict(
-        zip(model.spring_v.tolist(), zip(model.stiffness, model.damping, strict=True), strict=True)
-    )
     forces = counterparts(model)
-    dry, stiffness_of, damping_of, armature = _single_joints(model, forces)
+    dry, stiffness, damping, armature = _single_joints(model, forces)
     links = body_names(p)
     names = links if len(set(links)) == len(links) else tuple(list(p.names)[1:])
     own = "world_link"
@@ -65,16 +62,14 @@ def write_mjcf(model: SpacecraftModel) -> str:
         for i, column in enumerate(axes[j].T):
             k = p.joints[j].idx_v + i
             kind, axis = ("slide", column[:3]) if column[:3].any() else ("hinge", column[3:])
-            stiffness, damping = springs.get(k, (0.0, 0.0))
             axis = seen.rotation.T @ axis
             at = seen.inverse().translation
             extra = f' pos="{numbers(at)}"' if at.any() else ""
             extra += f' armature="{numbers(armature[k])}"' if armature[k] > 0.0 else ""
             extra += f' frictionloss="{numbers(dry[k])}"' if dry[k] > 0.0 else ""
-            stiffness, damping = stiffness + stiffness_of[k], damping + damping_of[k]
             lines.append(
                 f'{indent}<joint name={quoteattr(joint_name(p, j, i))} type="{kind}" axis="{numbers(axis)}" '
-                f'stiffness="{numbers(stiffness)}" damping="{numbers(damping)}"{extra}{_range(p, j)}/>'
+                f'stiffness="{numbers(stiffness[k])}" damping="{numbers(damping[k])}"{extra}{_range(p, j)}/>'
             )
         return lines
 
@@ -175,7 +170,7 @@ def counterparts(model: SpacecraftModel) -> dict[str, Counterpart]:
 def _single_joints(
     model: SpacecraftModel, forces: Mapping[str, Counterpart]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return dry friction, further stiffness, damping and rotor inertia (nv,) of joints by themselves.
+    """Return dry friction, stiffness, damping and rotor inertia (nv,) of joints by themselves.
 
     The rotor of a sum of joints goes with its tendon.
     """
@@ -191,6 +186,8 @@ def _single_joints(
                 damping[k] += force.damping
             else:
                 armature[k] -= weight**2 * force.inertia
+    stiffness[model.spring_v] += model.stiffness
+    damping[model.spring_v] += model.damping
     return dry, stiffness, damping, armature
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,42 +34,34 @@ from smsid.report.rows import Bar, ChartRow, Mark, RowChart
 NEAR = 0.99  # share of what may be used at which a limit holds the design back
 
 
-@dataclass(frozen=True)
-class DesignInputs:
-    """What was asked of a design: a relative precision ``to`` reach, and limits with their margin."""
-
-    to: float | None = None
-    limits: Limits = field(default_factory=Limits)
-
-
 def design_report(
-    found: Design | Separation, model: SpacecraftModel, asked: DesignInputs, origin: Provenance
+    found: Design | Separation, model: SpacecraftModel, limits: Limits, to: float | None, origin: Provenance
 ) -> Report:
     """Return the report of a designed experiment.
 
     Args:
         found: the design, or the experiment that separates two causes.
         model: the described spacecraft, for the names of what moves.
-        asked: precision and limits.
+        limits: within which it was designed, with their margin.
+        to: relative precision asked for, if any.
         origin: versions, command, files, seed.
     """
     experiment = found.experiment
-    chart = _precision(found, asked.to) if isinstance(found, Design) else _separation(found)
-    told = (chart, result_table(found, asked.to))
+    chart = _precision(found, to) if isinstance(found, Design) else _separation(found)
+    told = (chart, result_table(found, to))
     title = "Predicted precision" if isinstance(found, Design) else "Detection limits"
     facts = [
         f"{label}: {e.note.removeprefix('designed: ')}; {number(e.duration, 6)} s"
         for label, e in (("designed", experiment), ("before", found.reference))
     ]
     drawn = (Text(facts, bullets=True), *signal_grids(model, experiment, found.reference))
-    limits, tightest = _limits(found.limits, asked.limits), _tightest(found.limits, asked.limits)
     sections = [
         Section("precision", title, told, "Cramér-Rao bounds" if isinstance(found, Design) else ""),
         Section("signals", "Designed signals", drawn, f"{number(experiment.duration, 6)} s"),
-        Section("limits", "Limits", limits, tightest),
+        Section("limits", "Limits", _limits(found.limits, limits), _tightest(found.limits, limits)),
         *notes_section(found.notes, open=True),
     ]
-    sentence, tone = verdict(found, asked)
+    sentence, tone = verdict(found, limits, to)
     glance = [("duration", f"{number(experiment.duration, 5)} s")]
     if isinstance(found, Design):
         glance.append(("worst relative σ", share(float(found.relative.max()))))
@@ -83,10 +74,10 @@ def design_report(
     return Report("Designed experiment", name, sentence, tone, sections, origin, glance)
 
 
-def verdict(found: Design | Separation, asked: DesignInputs) -> tuple[str, Tone]:
+def verdict(found: Design | Separation, limits: Limits, to: float | None = None) -> tuple[str, Tone]:
     """Return one sentence on a design, and what it is worth."""
     stopped = " The search was interrupted." if found.interrupted else ""
-    broken = asked.limits.violations(found.limits)
+    broken = limits.violations(found.limits)
     if broken:
         return f"The experiment passes a limit: {'; '.join(map(str, broken))}.{stopped}", "bad"
     if isinstance(found, Separation):
@@ -104,9 +95,9 @@ def verdict(found: Design | Separation, asked: DesignInputs) -> tuple[str, Tone]
         f"{share(reached, 3)} or better (one standard deviation; worst: {found.goal.names[worst]}), the "
         f"worst {number(found.gain, 3)} times better than before, within all limits."
     )
-    if asked.to is not None and reached > asked.to:
-        return f"{sentence} Asked for were {share(asked.to, 3)}: out of reach.{stopped}", "warn"
-    good = reached <= (asked.to or IDENTIFIABLE_BELOW) and not found.interrupted
+    if to is not None and reached > to:
+        return f"{sentence} Asked for were {share(to, 3)}: out of reach.{stopped}", "warn"
+    good = reached <= (to or IDENTIFIABLE_BELOW) and not found.interrupted
     return sentence + stopped, "good" if good else "warn"
 
 

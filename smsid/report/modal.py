@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import welch
+from scipy.signal import correlate, welch
 
 from smsid._statistics import NORMAL95
 from smsid.identify.ssi_decimate import decimate
@@ -163,18 +163,13 @@ def correlation_traces(y: np.ndarray, rate: float, found: AmbientModes) -> tuple
     strongest = np.argsort(-np.var(slow, axis=0), kind="stable")[:MOST]
     out = []
     for k in strongest.tolist():
-        measured = _autocorrelation(slow[:, k], count)
+        x = slow[:, k]
+        full = correlate(x, x, method="fft")[len(x) - 1 :]
+        measured = full[1 : count + 1] / full[0]
         fitted = basis @ np.linalg.lstsq(basis, measured, rcond=None)[0]
         scatter = float(np.sqrt((1.0 + 2.0 * np.sum(measured**2)) / len(slow)))
         out.append(Trace(f"output {k + 1}", "1", lags, measured, fitted, measured - fitted, scatter))
     return tuple(out)
-
-
-def _autocorrelation(x: np.ndarray, count: int) -> np.ndarray:
-    """Correlations (count,) at lags of one sample and more, relative to the variance."""
-    size = 2 ** int(np.ceil(np.log2(2 * len(x))))
-    full = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: count + 1]
-    return full[1:] / full[0]
 
 
 def _basis(found: AmbientModes, lags: np.ndarray) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -176,14 +175,6 @@ SIDES, LONGEST = 6, 800  # of a tube: sides, and pieces
 INDICES = 6 * SIDES  # of one piece of a tube, in the list of its triangles' corners
 
 
-@dataclass(frozen=True)
-class Trail:
-    """A tube along the way of a tool: its node's path, and of how many pieces it is."""
-
-    path: str
-    pieces: int
-
-
 def tool_frame(model: SpacecraftModel, arm: JointGroup) -> int:
     """Return the frame that stands for an arm's tool.
 
@@ -212,9 +203,9 @@ def tool_positions(model: SpacecraftModel, q: np.ndarray) -> dict[str, np.ndarra
 
 def trail_parts(
     model: SpacecraftModel, root: str, motion: DrawnMotion, radius: float, color: Color = TRAIL_COLOR
-) -> tuple[list[SceneNode], list[Trail]]:
-    """Return a tube for each tool that moves, ``radius`` [m] thick, and what a player needs to grow it."""
-    parts, trails = [], []
+) -> tuple[list[SceneNode], dict[str, int]]:
+    """Return a tube for each tool that moves, ``radius`` [m] thick, and by path of how many pieces it is."""
+    parts, trails = [], {}
     for name, way in tool_positions(model, motion.q).items():
         if np.ptp(way, axis=0).max() < 4.0 * radius:
             continue
@@ -224,7 +215,7 @@ def trail_parts(
         parts.append(
             SceneNode(path, np.eye(4), tube, Material(color, unlit=True), shadow=False, layer="tool trail")
         )
-        trails.append(Trail(path, len(chosen) - 1))
+        trails[path] = len(chosen) - 1
     return parts, trails
 
 

@@ -99,9 +99,10 @@ def _playback_document(view: Replay, bent: list[SurfaceMotion]) -> dict[str, Any
             {"label": c.label if ghost else f"{c.label}, right", "path": c.scene.root, "color": color}
             for c in view.companions
         ]
-    trails = [*view.scene.trails, *(t for c in view.companions for t in c.scene.trails)]
+    trails: list[dict[str, Any]] = []
     layers: dict[str, list[str]] = {name: [] for name in COLORS}
     for scene in (view.scene, *(c.scene for c in view.companions)):
+        trails += [{"path": t, "pieces": n, "indices": arrows.INDICES} for t, n in scene.trails.items()]
         for name, paths in scene.layers.items():
             layers.setdefault(name, []).extend(paths)
     notes = [n for n in view.notes if not (bent and n.startswith(DEFLECTION))]  # the page has a slider for it
@@ -118,7 +119,7 @@ def _playback_document(view: Replay, bent: list[SurfaceMotion]) -> dict[str, Any
             for name, paths in layers.items()
             if paths
         ],
-        "trails": [{"path": t.path, "pieces": t.pieces, "indices": arrows.INDICES} for t in trails],
+        "trails": trails,
         "readouts": [
             {"label": r.label, "unit": r.unit, "layer": r.layer, "values": _floats(r.values)}
             for r in readouts(view)

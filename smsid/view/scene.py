@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.view import parts as make
-from smsid.view.arrows import Trail, sign_parts, trail_parts
+from smsid.view.arrows import sign_parts, trail_parts
 from smsid.view.drivers import DrawnFrames, Scale, joint_driver
 from smsid.view.look import HULL_OPACITY, Look
 from smsid.view.momentum import momenta
@@ -32,7 +32,7 @@ class Scene:
 
     ``scale`` says what is drawn larger or smaller than life; ``corners`` (K, 3) [m] are those of the parts'
     extents on their way, in inertial axes (as seen from the bus origin if the camera follows it). ``trails``
-    are the tubes along the ways of the tools.
+    says of how many pieces the tubes along the ways of the tools are, by path.
     """
 
     model: SpacecraftModel
@@ -42,7 +42,7 @@ class Scene:
     scale: Scale
     corners: np.ndarray
     notes: tuple[str, ...]
-    trails: tuple[Trail, ...] = ()
+    trails: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def root(self) -> str:
@@ -126,7 +126,7 @@ def build_scene(
     rest = DrawnFrames.of(model, still, scale)
     corners = _corners(parts, DrawnFrames.of(model, _sample_frames(model, motion, look), scale))
     scene = Scene(model, look, tuple(parts), rest, scale, corners, (*notes, *motion.notes))
-    trails: list[Trail] = []
+    trails: dict[str, int] = {}
     if look.trail:
         color = {"color": GHOST} if ghost else {}
         tubes, trails = trail_parts(model, root, motion, TRAIL * scene.radius, **color)
@@ -141,7 +141,7 @@ def build_scene(
         if words and model.free:
             remark = f"{' and '.join(words)}: no more than the sensors' noise, not drawn"
             scene = replace(scene, notes=(*scene.notes, remark))
-    return replace(scene, parts=tuple(parts), trails=tuple(trails))
+    return replace(scene, parts=tuple(parts), trails=trails)
 
 
 def fitting_scale(model: SpacecraftModel, motions: Sequence[DrawnMotion], look: Look) -> Scale:

@@ -15,7 +15,7 @@ from smsid.design.model_discrimination import Discrimination, Separation
 from smsid.experiments import Experiment, LimitUse, StepProfile, thrust_experiment
 from smsid.model import build_model
 from smsid.report import render
-from smsid.report.design import DesignInputs, design_report, signal_grids, signal_points, verdict
+from smsid.report.design import design_report, signal_grids, signal_points, verdict
 
 from .pages import check_page, needs_chromium, run_page
 
@@ -94,8 +94,8 @@ def test_limits_stand_with_their_margin_and_a_passed_one_is_the_verdict(urdf, or
         LimitUse("stroke", 0.2, 0.5, "m"),
         LimitUse("force", 39.0, 40.0, "N"),
     )
-    asked = DesignInputs(limits=Limits(margin=0.1))
-    report = design_report(separation(*uses[:2]), model, asked, origin)
+    limits = Limits(margin=0.1)
+    report = design_report(separation(*uses[:2]), model, limits, None, origin)
     check_page(render(report), {"detection", "limit-chart"})
     assert report.tone == "good" and "4 times smaller" in report.verdict
     chart, table = next(s for s in report.sections if s.name == "limits").parts
@@ -103,5 +103,5 @@ def test_limits_stand_with_their_margin_and_a_passed_one_is_the_verdict(urdf, or
     assert chart.body.rules[0][0] == pytest.approx(0.9)
     row = dict(zip(table.columns, table.rows[0], strict=True))
     assert (row["quantity"].text, row["#margin left"].value) == ("stroke", pytest.approx(0.3))
-    sentence, tone = verdict(separation(*uses), asked)
+    sentence, tone = verdict(separation(*uses), limits)
     assert tone == "bad" and "force: 39 N (limit 40 N)" in sentence

@@ -89,8 +89,8 @@ def test_trail_goes_through_the_tool(scene, model):
     tube = built.part("spacecraft/trail.arm").shape
     rings = tube.vertices.reshape(len(way), -1, 3)
     np.testing.assert_allclose(rings.mean(axis=1), way, atol=1e-9)
-    trail = built.trails[0]
-    assert trail.pieces == len(way) - 1 and tube.faces.size == trail.pieces * INDICES
+    pieces = built.trails["spacecraft/trail.arm"]
+    assert pieces == len(way) - 1 and tube.faces.size == pieces * INDICES
 
 
 def test_tube_has_one_thickness_also_where_the_way_stops_and_turns_back():
