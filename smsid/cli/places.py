@@ -157,12 +157,19 @@ def _output_places(called: str, path: Path, mark: Writes) -> list[Place]:
 
 
 def _check_replaced(called: str, path: Path, mark: Writes, is_default: bool, inputs: Sequence[Path]) -> None:
-    if not is_default and path.suffix.lower() == ".toml":
-        check_toml(path, called)
+    """Refuse to replace what is there, where it is somebody's work: a TOML written or changed by hand, as a
+    drafted mapping that was gone through, or what `_check_default` refuses.
+    """
+    if not is_default and path.suffix.lower() == ".toml" and path.is_file() and not is_ours(path):
+        raise OutputError(
+            f"{called} '{path}' is there already and was written or changed by hand.",
+            advice=f"Give {called} another path, or remove that file.",
+            path=str(path),
+        )
     if is_default and mark.kind:
-        check_default_place(path, mark.kind, f"the default of {called}", inputs)
+        _check_default(path, mark.kind, f"the default of {called}", inputs)
     for more in mark.beside(path) if mark.beside_kind else ():
-        check_default_place(more, mark.beside_kind, f"written beside '{path}'", inputs)
+        _check_default(more, mark.beside_kind, f"written beside '{path}'", inputs)
 
 
 def _read_paths(value: Any) -> Iterator[Path]:
@@ -277,20 +284,6 @@ MARKED = {
 MARKED_WITHIN = 4096  # bytes
 
 
-def check_toml(path: Path, called: str) -> None:
-    """Refuse to replace a TOML that somebody wrote or changed, as a drafted mapping that was gone through.
-
-    Raises:
-        OutputError: the file is there, and not as smsid wrote it.
-    """
-    if path.is_file() and not is_ours(path):
-        raise OutputError(
-            f"{called} '{path}' is there already and was written or changed by hand.",
-            advice=f"Give {called} another path, or remove that file.",
-            path=str(path),
-        )
-
-
 def is_ours(path: Path) -> bool:
     """Whether a text is there that smsid wrote, and nobody changed since."""
     try:
@@ -299,19 +292,14 @@ def is_ours(path: Path) -> bool:
         return False
 
 
-def check_default_place(path: Path, kind: str, told: str, inputs: Sequence[Path]) -> None:
+def _check_default(path: Path, kind: str, told: str, inputs: Sequence[Path]) -> None:
     """Refuse to replace a file of somebody else's, or measured data, at a place that nobody named.
 
-    ``told`` says why it would be written there, ``inputs`` are the files the command reads.
-
-    Raises:
-        OutputError: the file was not written by smsid, is of another kind, was changed by hand, or holds a
-            recording imported from a log that is none of the inputs.
+    ``told`` says why it would be written there, ``inputs`` are the files the command reads. Refused is what
+    was not written by smsid, is of another kind, was changed by hand, or holds a recording imported from a
+    log that is none of the inputs.
     """
-    if not path.is_file():
-        return
-    reason = _why_not(path, kind, inputs)
-    if reason:
+    if path.is_file() and (reason := _why_not(path, kind, inputs)):
         raise OutputError(
             f"'{path}' ({told}) is there already and {reason}.",
             advice="Name the output by --output (-o), or move that file.",

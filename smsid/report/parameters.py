@@ -93,8 +93,7 @@ def parameter_section(parameters: Sequence[ParameterEstimate], single: str) -> S
 def correlations(name: str, parameters: Sequence[ParameterEstimate], covariance: np.ndarray) -> Figure | None:
     """Return the parameters that most move together, as a map of correlations; covariance (n, n)."""
     sigma = np.sqrt(np.diag(covariance))
-    good = np.isfinite(sigma) & (sigma > 0.0)
-    index = np.flatnonzero(good)
+    index = np.flatnonzero(np.isfinite(sigma) & (sigma > 0.0))
     if len(index) < 2:
         return None
     r = covariance[np.ix_(index, index)] / np.outer(sigma[index], sigma[index])

@@ -70,12 +70,9 @@ class Plot:
 
     def shapes(self) -> list[tuple[str, int, str]]:
         """Return style, colour and path of everything to be drawn, bands first."""
-        bands = [m for m in self.marks if isinstance(m, Band)]
-        rules = [m for m in self.marks if isinstance(m, Rule)]
-        curves = [m for m in self.marks if isinstance(m, Curve)]
-        out = [("band", b.colour, self._area(b)) for b in bands]
-        out += [("rule", r.colour, self._across(r)) for r in rules]
-        for c in curves:
+        out = [("band", m.colour, self._area(m)) for m in self.marks if isinstance(m, Band)]
+        out += [("rule", m.colour, self._across(m)) for m in self.marks if isinstance(m, Rule)]
+        for c in (m for m in self.marks if isinstance(m, Curve)):
             if c.style in ("points", "rings", "ticks"):
                 dots = self._dots(c)
                 out.append(("tickmarks" if c.style == "ticks" else "points", c.colour, dots))

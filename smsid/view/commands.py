@@ -186,9 +186,9 @@ def _surroundings(scene: Scene) -> Iterator[Command]:
     yield _property("/Lights/AmbientLight/<object>", "intensity", 0.50)
     yield _property("/Lights/FillLight/<object>", "intensity", 0.30)
     yield {"type": "set_object", "path": "/Lights/Sun", "object": _sun(scene)}
-    camera = fitted_camera(scene.corners)
-    x, y, z = (float(c) for c in camera.offset)
-    yield transform(PREFIX, move_pose(-camera.target))  # meshcat's camera always looks at its origin
+    target, offset = fitted_camera(scene.corners)
+    x, y, z = offset.tolist()
+    yield transform(PREFIX, move_pose(-target))  # meshcat's camera always looks at its origin
     yield _property(CAMERA, "fov", FIELD_OF_VIEW)
     yield _property(CAMERA, "far", 200.0 * radius)
     yield _property(CAMERA, "position", [x, z, -y])

@@ -52,21 +52,16 @@ RIGHT /= np.linalg.norm(RIGHT)
 UP = np.cross(BACK, RIGHT)
 
 
-@dataclass(frozen=True)
-class Camera:
-    """The target (3,) [m], inertial axes, and the camera's place (3,) [m] relative to it."""
-
-    target: np.ndarray
-    offset: np.ndarray
-
-
 def across(corners: np.ndarray) -> np.ndarray:
     """Return the vector (3,) [m], level and along the window, that is as long as points (K, 3) [m] extend."""
     return RIGHT * float(np.ptp(corners @ RIGHT))
 
 
-def fitted_camera(corners: np.ndarray) -> Camera:
-    """Return the camera that has points (K, 3) [m] in the middle of the window and fills it with them."""
+def fitted_camera(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the camera that has points (K, 3) [m] in the middle of the window and fills it with them.
+
+    Its target (3,) [m], inertial axes, and its place (3,) [m] relative to that.
+    """
     target = (corners.min(axis=0) + corners.max(axis=0)) / 2
     size = max(float(np.linalg.norm(np.ptp(corners, axis=0))), 1e-3)
     distance = 1.5 * size
@@ -80,4 +75,4 @@ def fitted_camera(corners: np.ndarray) -> Camera:
         )
         wanted = max(np.ptp(across) / (2 * slope * ASPECT), np.ptp(along) / (2 * slope))
         distance = float(np.clip(distance * wanted, 0.3 * size, 20.0 * size))
-    return Camera(target, distance * BACK)
+    return target, distance * BACK

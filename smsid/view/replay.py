@@ -68,7 +68,7 @@ class Replay:
             # the world moves past the camera, which cannot leave its place
             world = np.tile(np.eye(4), (len(self.motion.time), 1, 1))
             travel = self.motion.q[:, :3] - self.scene.model.home[:3]
-            world[:, :3, 3] = -(fitted_camera(self.scene.corners).target + travel)
+            world[:, :3, 3] = -(fitted_camera(self.scene.corners)[0] + travel)
             poses[PREFIX] = world
         return poses
 

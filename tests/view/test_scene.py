@@ -141,11 +141,11 @@ def test_senseless_looks_are_refused(wrong):
 
 def test_camera_has_everything_in_view(model):
     scene = build_scene(model)
-    camera = fitted_camera(scene.corners)
-    back = camera.offset / np.linalg.norm(camera.offset)
+    target, offset = fitted_camera(scene.corners)
+    back = offset / np.linalg.norm(offset)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
-    seen = scene.corners - camera.target - camera.offset
+    seen = scene.corners - target - offset
     across, along = seen @ right / -(seen @ back), seen @ np.cross(back, right) / -(seen @ back)
     limit = np.tan(np.deg2rad(FIELD_OF_VIEW / 2))
     assert np.abs(along).max() < limit and np.abs(across).max() < ASPECT * limit
