@@ -107,9 +107,9 @@ def common_basis(first: Estimate, second: Estimate, sizes: Mapping[str, float] |
         row = _Row(own.names[k], own.units[k], *pair, own.factors[k], derived=True)
         if _is_new(row, rows):
             rows.append(row)
-    for estimate, which in ((first, "first"), (second, "second")):
-        endless = [p.name for p in estimate.parameters if p.sigma == np.inf]
-        refused += [NotComparable(name, which, "its interval has no end") for name in endless]
+    endless = "its interval has no end"
+    refused.extend(NotComparable(p.name, "first", endless) for p in first.parameters if p.sigma == np.inf)
+    refused.extend(NotComparable(p.name, "second", endless) for p in second.parameters if p.sigma == np.inf)
     left = np.array([r.left for r in rows]).reshape(len(rows), len(a.names))
     right = np.array([r.right for r in rows]).reshape(len(rows), len(b.names))
     return Common(
