@@ -36,7 +36,7 @@ SUBSTEP = 0.05  # [s] of the integration there
 LIKELY = 12  # candidates that are begun as strong as to first order
 AHEAD = 8  # candidates that are compared where each is likeliest
 ENOUGH = 10.0  # gain of the log-likelihood below which that is near enough
-TRIED = 3  # candidates that are fitted
+TRIED = 3  # candidates that are fitted, and more where none of them leads anywhere
 LEAST = -1e12  # log-likelihood of a model that is lost, for comparison
 
 
@@ -80,7 +80,7 @@ def coarse_cause(
         # where a model may err, laws of one effect differ less by their likelihood than by where they begin
         alike = close or c.key[:2] == best_one.key[:2]
         known = any(laws and c.key[:2] == own.key[:2] for own, _, laws in fitted)
-        if tried == TRIED or known or (fitted and not alike):
+        if known or (fitted and (tried >= TRIED or not alike)):
             continue
         tried += 1
         found = _fit_with_less_process_noise(c, at, problem, unknowns, candidates)

@@ -7,7 +7,7 @@ import pytest
 
 from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.merge_step import merge_step
+from smsid.diagnose.merge_step import _is_left, merge_step
 from smsid.diagnose.model_comparison import Cause, refit
 from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.thresholds import DetectionThresholds
@@ -91,6 +91,15 @@ def test_one_cause_takes_the_place_of_two_whose_work_it_does(pair, monkeypatch):
     assert kept == right and same is last and (*FRICTION, "viscous") in columns
     monkeypatch.setattr("smsid.diagnose.merge_step._is_left", lambda *_: True)
     assert merge_step(causes, current, *args)[0] == causes
+
+
+def test_what_is_left_of_a_cause_is_seen_in_a_fit_without_it(pair):
+    nominal, candidates = pair
+    (rubs,), with_it = with_causes(nominal, candidates, [(*FRICTION, "coulomb")])
+    drag, _ = with_causes(nominal, candidates, [(*FRICTION, "viscous")])
+    assert _is_left(nominal, [rubs], DetectionThresholds(), len(candidates))
+    assert _is_left(nominal, [*drag, rubs], DetectionThresholds(), len(candidates))
+    assert not _is_left(with_it, drag, DetectionThresholds(), len(candidates))
 
 
 def test_no_rival_shares_a_parameter_with_what_it_would_stand_beside(pair):

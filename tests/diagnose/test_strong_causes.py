@@ -52,7 +52,8 @@ def test_a_strong_force_from_outside_needs_no_stated_size(description, known, wh
     [
         ("ABCDEF", "AC"),  # what is far behind is not tried, another law of the best one's effect is
         ("CDEF", "ABC"),
-        ("", "ABC"),  # where none follows, others are; three in all
+        ("EF", "ABCDE"),  # of an encoder's bias, fifth, the first three of six did not follow
+        ("", "ABCDEF"),
     ],
 )
 def test_which_strong_causes_are_fitted(monkeypatch, follow, tried):
