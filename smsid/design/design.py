@@ -123,13 +123,9 @@ def design_experiment(
         return ticks * round(length / ticks, 2) if kind == "thrust" else round(length, 1)
 
     def held_back(made: FoundThrust | FoundMotion) -> str:
-        moving = isinstance(made, FoundMotion)
-        uses = (
-            within_limits(model, made, limits)[1]
-            if moving
-            else experiment_use(model, made.experiment, limits)
-        )
-        return _active_limits(uses, limits)
+        if isinstance(made, FoundMotion):
+            return _active_limits(within_limits(model, made, limits)[1], limits)
+        return _active_limits(experiment_use(model, made.experiment, limits), limits)
 
     if to is None:
         _, made = search(duration or DURATION[kind])

@@ -55,13 +55,15 @@ class Goal:
 
     def relative_of(self, information: Normal) -> np.ndarray:
         """Return the relative standard deviations (k,) from an information, parameters first."""
-        rows = self.gradients / self.scales[:, None]
-        return np.sqrt(np.diag(information.covariance_of(rows)))
+        return np.sqrt(np.diag(information.covariance_of(self._scaled)))
+
+    @property
+    def _scaled(self) -> np.ndarray:
+        return self.gradients / self.scales[:, None]
 
     def _relative_covariance(self, covariance: np.ndarray) -> np.ndarray:
-        scaled = self.gradients / self.scales[:, None]
-        size = scaled.shape[1]
-        return scaled @ covariance[:size, :size] @ scaled.T
+        size = self.gradients.shape[1]
+        return self._scaled @ covariance[:size, :size] @ self._scaled.T
 
     def cost(self, covariance: np.ndarray) -> float:
         """Return the logarithm of relative deviations (worst, mean, volume) of a covariance (n, n)."""
@@ -86,10 +88,9 @@ class Goal:
             total = float(shares.mean())
             cost = 0.5 * (np.log(top) + np.log(total) / power)
             weight = np.diag(0.5 * shares / (k * total * variance))
-        scaled = self.gradients / self.scales[:, None]
-        size = scaled.shape[1]
+        size = self.gradients.shape[1]
         out = np.zeros_like(covariance)
-        out[:size, :size] = scaled.T @ weight @ scaled
+        out[:size, :size] = self._scaled.T @ weight @ self._scaled
         return cost, out
 
 

@@ -66,7 +66,7 @@ def design_motion(
 
     Raises `ExperimentError` when no motion keeps the limits.
     """
-    space = SeriesSpace(model, limits, duration, HARMONICS, PERIODS)
+    space = SeriesSpace(model, limits, duration)
     if not space.size:
         raise ExperimentError(
             f"'{model.description.name}' has neither arm joints nor wheels to move.",
@@ -98,7 +98,7 @@ def design_motion(
     for _ in range(0 if start is not None else max(1, int(effort * DRAWS)) - 1):
         best = min(best, tried(space.random(rng)), key=lambda x: x[0])
     cost, made = best
-    x, width = _normalise_joints(made.point, space), WIDTH
+    x, width = _normalise_joints(made.point), WIDTH
     for _ in range(int(effort * STEPS)):
         step = width / np.sqrt(2.0 * HARMONICS) * rng.normal(size=x.size)
         new, better = tried(x + step)
@@ -117,7 +117,7 @@ def within_limits(
 
     Raises `ExperimentError` naming the limits that next to no motion would keep.
     """
-    space = SeriesSpace(model, limits, made.experiment.duration, HARMONICS, PERIODS)
+    space = SeriesSpace(model, limits, made.experiment.duration)
     shrink = made.shrink
     for _ in range(PASSES):
         experiment = space.experiment(made.point, shrink, made.experiment.name)
@@ -146,9 +146,9 @@ def as_states(model: SpacecraftModel, prediction: Prediction) -> States:
     return States(times, q, v, a, np.zeros_like(v), reaction)
 
 
-def _normalise_joints(point: np.ndarray, space: SeriesSpace) -> np.ndarray:
+def _normalise_joints(point: np.ndarray) -> np.ndarray:
     """The point with the coefficients of every joint and wheel of unit length or less."""
-    parts = point.reshape(-1, 2 * space.harmonics)
+    parts = point.reshape(-1, 2 * HARMONICS)
     size = np.linalg.norm(parts, axis=1, keepdims=True)
     return (parts / np.maximum(size, 1.0)).ravel()
 
@@ -158,22 +158,20 @@ LOOKS = 600  # times at which a series is held against its limits
 
 @dataclass(frozen=True)
 class SeriesSpace:
-    """Series of ``harmonics`` terms over ``duration`` [s], the first with ``periods`` periods in it."""
+    """Series of `HARMONICS` terms over ``duration`` [s], the first with `PERIODS` periods in it."""
 
     model: SpacecraftModel
     limits: Limits
     duration: float
-    harmonics: int
-    periods: int
 
     @property
     def size(self) -> int:
         """Number of coordinates of a point."""
-        return 2 * self.harmonics * (len(self.model.arm_joints) + len(self.model.wheels))
+        return 2 * HARMONICS * (len(self.model.arm_joints) + len(self.model.wheels))
 
     def random(self, rng: np.random.Generator) -> np.ndarray:
         """Return a random point (size,), the paper's kind of excitation."""
-        order = np.tile(np.arange(1, self.harmonics + 1), self.size // self.harmonics)
+        order = np.tile(np.arange(1, HARMONICS + 1), self.size // HARMONICS)
         return (rng.normal(size=self.size) / order).ravel()
 
     def experiment(self, point: np.ndarray, shrink: float = 1.0, name: str = "design") -> Experiment:
@@ -181,8 +179,8 @@ class SeriesSpace:
 
         It starts at home and at rest.
         """
-        n, frequency = len(self.model.arm_joints), self.periods / self.duration
-        parts = point.reshape(-1, 2, self.harmonics)
+        n, frequency = len(self.model.arm_joints), PERIODS / self.duration
+        parts = point.reshape(-1, 2, HARMONICS)
         motion = torque = None
         if n:
             a, b = self._joints(parts[:n])
@@ -203,14 +201,10 @@ class SeriesSpace:
         )
 
     @cached_property
-    def _times(self) -> np.ndarray:
-        return np.linspace(0.0, self.duration / self.periods, LOOKS)
-
-    @cached_property
     def _waves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angular frequencies (H,), and cosines and sines (H, times)."""
-        w = 2.0 * np.pi * self.periods / self.duration * np.arange(1, self.harmonics + 1)
-        phase = np.outer(w, self._times)
+        w = 2.0 * np.pi * PERIODS / self.duration * np.arange(1, HARMONICS + 1)
+        phase = np.outer(w, np.linspace(0.0, self.duration / PERIODS, LOOKS))
         return w, np.cos(phase), np.sin(phase)
 
     def _joints(self, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -254,7 +248,7 @@ class SeriesSpace:
 
     def _wheels(self, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         a, b = parts[:, 0], parts[:, 1]
-        series = Fourier(self.periods / self.duration, a, b, np.zeros(len(a)))
+        series = Fourier(PERIODS / self.duration, a, b, np.zeros(len(a)))
         times = np.linspace(0.0, self.duration, LOOKS)
         peak = np.abs(series.sampled(times)).max(axis=0)
         spin = np.abs(single_integral(series, times)).max(axis=0) / spin_inertias(self.model)

@@ -202,23 +202,18 @@ def _drive(forecast: Forecast, axis: int, size: float, intervals: int) -> Driven
 
 def _responses(model: SpacecraftModel, limits: Limits, q: np.ndarray) -> list[Bound]:
     """Bounded responses to one pulse, from coordinates q (times, nq) less home."""
-    found = []
+    usable, found = limits.usable_share, []
     if limits.stroke is not None:
-        found += [
-            Bound(f"stroke of {s.name}", q[:, s.q], limits.usable_share * limits.stroke) for s in model.slosh
-        ]
+        found += [Bound(f"stroke of {s.name}", q[:, s.q], usable * limits.stroke) for s in model.slosh]
     for joints in model.appendages:
-        place = [model.pin.joints[j].idx_q for j in joints.joints]
+        panel, place = joints.appendage, [model.pin.joints[j].idx_q for j in joints.joints]
         delta = q[:, place] * joints.scale
         if limits.tip is not None:
-            for shape in tip_shapes(joints.appendage):
-                found.append(
-                    Bound(f"tip of {joints.appendage.name}", delta @ shape, limits.usable_share * limits.tip)
-                )
+            name, limit = f"tip of {panel.name}", usable * limits.tip
+            found += [Bound(name, delta @ shape, limit) for shape in tip_shapes(panel)]
         if limits.root_moment is not None:
-            moment = delta @ root_moments(joints.appendage)
-            name = f"root moment of {joints.appendage.name}"
-            found.append(Bound(name, moment, limits.usable_share * limits.root_moment))
+            name, limit = f"root moment of {panel.name}", usable * limits.root_moment
+            found.append(Bound(name, delta @ root_moments(panel), limit))
     return found
 
 

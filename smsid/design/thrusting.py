@@ -77,9 +77,9 @@ def design_thrust(
         space = space.restrict_axes(_axes(space, goal, rng))
     feasible = Feasible(space)
 
-    def tell(found: Pulses) -> None:
+    def tell(thrust: np.ndarray, _: float) -> None:
         whole = np.zeros((space.intervals, 3))
-        whole[:, list(space.axes)] = np.round(found.thrust, DIGITS)
+        whole[:, list(space.axes)] = np.round(thrust, DIGITS)
         covariance, _ = space.covariance(whole[:, list(space.axes)])
         made = FoundThrust(thrust_steps(whole, duration), goal, covariance, whole)
         watch.tried(made, goal.cost(covariance), float(goal.relative(covariance).max()))
@@ -90,9 +90,9 @@ def design_thrust(
     for start in begin:
         if np.any(start):
             # the mean first: where one parameter is the worst, the others have no slope
-            smooth = best_pulses(space, goal.by("A"), start, feasible, tell)
+            smooth, _ = best_pulses(space, goal.by("A"), start, feasible, tell)
             if criterion != "A":
-                best_pulses(space, goal, smooth.thrust, feasible, tell)
+                best_pulses(space, goal, smooth, feasible, tell)
     assert watch.best is not None
     return watch.best
 
@@ -187,14 +187,6 @@ OUTSIDE = 1.005  # how far out of a ball a vector may be before it is cut off; t
 FRACTIONS = (1.0, 0.5, 0.25, 0.125, 0.0625)
 
 
-@dataclass(frozen=True)
-class Pulses:
-    """A thrust (intervals, axes) [N] with the cost of its goal."""
-
-    thrust: np.ndarray
-    cost: float
-
-
 class Feasible:
     """The thrusts within all limits: a box, and balls that hold vectors linear in the thrust, by cuts."""
 
@@ -278,35 +270,35 @@ def best_pulses(
     goal: Goal,
     start: np.ndarray,
     feasible: Feasible,
-    tell: Callable[[Pulses], None] = lambda _: None,
-) -> Pulses:
-    """Return the thrust at which the cost is least, locally, from a start (intervals, axes) of any size.
+    tell: Callable[[np.ndarray, float], None],
+) -> tuple[np.ndarray, float]:
+    """Return the thrust (intervals, axes) [N] at which the cost is least, locally, and that cost.
 
-    ``tell`` hears of every improvement.
+    From a ``start`` (intervals, axes) of any size; ``tell`` hears of every improvement.
     """
     at = start * feasible.scale(start)
-    now = Pulses(at, goal.cost(space.covariance(at)[0]))
-    tell(now)
+    cost = goal.cost(space.covariance(at)[0])
+    tell(at, cost)
     for _ in range(ROUNDS):
-        covariance, jacobian = space.covariance(now.thrust)
+        covariance, jacobian = space.covariance(at)
         _, weight = goal.cost_and_weight(covariance)
         target = feasible.least(space.cost_gradient(jacobian, weight, covariance))
-        better = None
+        best, least = at, cost
         for fraction in FRACTIONS:
-            tried = now.thrust + fraction * (target - now.thrust)
-            cost = goal.cost(space.covariance(tried)[0])
-            if cost < now.cost and (better is None or cost < better.cost):
-                better = Pulses(tried, cost)
+            tried = at + fraction * (target - at)
+            new = goal.cost(space.covariance(tried)[0])
+            if new < least:
+                best, least = tried, new
                 if fraction == 1.0:
                     break
-        if better is None:
+        if not least < cost:
             break
-        gain = now.cost - better.cost
-        now = better
-        tell(now)
+        gain = cost - least
+        at, cost = best, least
+        tell(at, cost)
         if gain < ENOUGH:
             break
-    return now
+    return at, cost
 
 
 def random_start(space: ThrustSpace, rng: np.random.Generator) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid.design.limits import Limits
-from smsid.design.moving import HARMONICS, PERIODS, SeriesSpace
+from smsid.design.moving import SeriesSpace
 from smsid.design.thrusting import largest_thrust, thrust_steps
 from smsid.errors import ExperimentError
 from smsid.experiments import Experiment, LimitUse, fly
@@ -80,7 +80,7 @@ class Motions(Trials):
     @property
     def space(self) -> SeriesSpace:
         """Their space."""
-        return SeriesSpace(self.model, self.limits, self.duration, HARMONICS, PERIODS)
+        return SeriesSpace(self.model, self.limits, self.duration)
 
     def random(self, rng: np.random.Generator) -> np.ndarray:
         """Return a random point (size,)."""

@@ -18,7 +18,7 @@ TIMES = np.linspace(0.0, 40.0, 4001)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.01, 100.0))
 def test_limits_are_kept(model, seed: int, size: float):
     limits = Limits(swing=1.2, wheel_rate=100.0, margin=0.05)
-    space = SeriesSpace(model, limits, 40.0, 5, 2)
+    space = SeriesSpace(model, limits, 40.0)
     inputs = space.experiment(size * space.random(np.random.default_rng(seed))).inputs()
     motion, torque = inputs.joint_motion, inputs.wheel_torque
     assert motion is not None and torque is not None
@@ -36,7 +36,7 @@ def test_limits_are_kept(model, seed: int, size: float):
 
 
 def test_long_coefficients_reach_a_limit(model):
-    space = SeriesSpace(model, Limits(margin=0.0), 40.0, 5, 2)
+    space = SeriesSpace(model, Limits(margin=0.0), 40.0)
     inputs = space.experiment(10.0 * space.random(np.random.default_rng(0))).inputs()
     assert inputs.joint_motion is not None
     angle, rate = (sample(s, TIMES) for s in (inputs.joint_motion.position, inputs.joint_motion.velocity))
@@ -48,7 +48,7 @@ def test_a_tilted_wheel_reaches_its_rate(model):
     axis = (0.5**0.5, 0.5, 0.5)
     wheels = tuple(w.model_copy(update={"axis": axis}) for w in model.description.wheel)
     tilted = build_model(model.description.model_copy(update={"wheel": wheels}))
-    space = SeriesSpace(tilted, Limits(wheel_rate=1.0, margin=0.0), 40.0, 5, 2)
+    space = SeriesSpace(tilted, Limits(wheel_rate=1.0, margin=0.0), 40.0)
     torque = space.experiment(10.0 * space.random(np.random.default_rng(0))).inputs().wheel_torque
     assert torque is not None
     push = sample(torque, TIMES)
