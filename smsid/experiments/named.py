@@ -53,8 +53,8 @@ def named_experiment(name: str, model: SpacecraftModel) -> Experiment:
 
 
 def _thrust(axes: str, model: SpacecraftModel) -> Experiment:
-    strength = thrust_strength(model)
-    return thrust_experiment(axes, force=strength.value, limited_by=strength.by)
+    force, limited_by = thrust_strength(model)
+    return thrust_experiment(axes, force=force, limited_by=limited_by)
 
 
 def load_or_search(model: SpacecraftModel, name: str, search: Callable[[], Experiment]) -> Experiment:

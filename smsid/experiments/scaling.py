@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from smsid.model.spacecraft import SpacecraftModel, motion_columns
@@ -18,24 +16,19 @@ SWING = 0.6  # [rad] of an arm joint about home
 SLIDE_SHARE = 0.2  # of the largest bus dimension: how far a joint slides about home
 
 
-@dataclass(frozen=True)
-class Strength:
-    """A strength and what limits it (empty: nothing but the experiment's own size)."""
+def thrust_strength(model: SpacecraftModel) -> tuple[float, str]:
+    """Return the thrust per axis [N] of Exp. 1, 40 N or less, and what limits it.
 
-    value: float
-    by: str = ""
-
-
-def thrust_strength(model: SpacecraftModel) -> Strength:
-    """Return the thrust per axis [N] of Exp. 1: 40 N, less on a small craft or one of weak thrusters."""
+    That is empty, a small craft or weak thrusters.
+    """
     limit = model.description.thrust.max_force
     choices = [
-        Strength(THRUST),
-        Strength(DEFAULT_ACCELERATION * model.mass, f"{DEFAULT_ACCELERATION:g} m/s^2 on {model.mass:.4g} kg"),
+        (THRUST, ""),
+        (DEFAULT_ACCELERATION * model.mass, f"{DEFAULT_ACCELERATION:g} m/s^2 on {model.mass:.4g} kg"),
     ]
     if limit is not None and limit < THRUST:
-        choices.append(Strength(LIMIT_SHARE * limit, f"[thrust] max_force = {limit:g} N"))
-    return min(choices, key=lambda s: s.value)
+        choices.append((LIMIT_SHARE * limit, f"[thrust] max_force = {limit:g} N"))
+    return min(choices, key=lambda choice: choice[0])
 
 
 def spin_inertias(model: SpacecraftModel) -> np.ndarray:

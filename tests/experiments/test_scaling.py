@@ -48,7 +48,7 @@ def test_thrust_keeps_to_limit_and_size(tmp_path, limit, expected):
     assert force is not None
     assert force(0.0) == pytest.approx([expected] * 3)
     assert ("max_force" if limit == 0.1 else "m/s^2") in plan.note
-    assert thrust_strength(model).value <= (limit or np.inf)
+    assert thrust_strength(model)[0] <= (limit or np.inf)
 
 
 def test_spin_inertia_of_a_joint_is_that_of_its_link(tmp_path):
