@@ -181,11 +181,7 @@ Prepared = tuple[list[np.ndarray], list[np.ndarray], float, np.ndarray]
 
 
 def _identify_modes(
-    prepared: Prepared,
-    rate: float,
-    highest_frequency: float,
-    replicates: int,
-    generator: np.random.Generator,
+    prepared: Prepared, rate: float, highest_frequency: float, replicates: int, generator: np.random.Generator
 ) -> AmbientModes:
     """Return the modes of outputs that `_prepare_pieces` has made; arguments as of `ambient_modes`."""
     pieces, slow, slow_rate, scale = prepared

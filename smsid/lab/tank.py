@@ -94,10 +94,7 @@ LARGEST_LAG = 0.1  # [s] up to which a lag of the force is sought
 
 
 def tank_test(
-    force: tuple[np.ndarray, np.ndarray],
-    motion: tuple[np.ndarray, np.ndarray],
-    *,
-    cutoff: float = 15.0,
+    force: tuple[np.ndarray, np.ndarray], motion: tuple[np.ndarray, np.ndarray], *, cutoff: float = 15.0
 ) -> TankTest:
     """Bring force and motion, each with its own clock, together.
 

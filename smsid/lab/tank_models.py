@@ -12,7 +12,6 @@ from smsid._statistics import NORMAL95
 from smsid.arm.regression import correlation_lags
 from smsid.diagnose.result import Diagnosis, FoundCause, SignificantTest, Value
 from smsid.diagnose.verdict import describe
-from smsid.identify.estimate import Estimate
 from smsid.lab.tank import COUNTS, Model, TankFit, TankTest, fit_tank
 
 MODELS: tuple[Model, ...] = ("rigid", "slosh", "softening spring", "softening inertia")
@@ -89,20 +88,17 @@ def tank_diagnosis(test: TankTest, compared: TankComparison, recording: str) -> 
     causes = []
     if compared.sloshes:
         ratio = float(compared.gains.get("slosh", float("nan")))
-        causes.append(_cause(fit, "slosh", "slosh", "slosh mass", ratio))
+        names = "slosh_mass", "frequency", "damping"
+        causes.append(_cause(fit, "slosh", "tank", "slosh", "slosh mass", names, ratio))
     if compared.amplitude:
         ratio = float(compared.gains.get(compared.named, float("nan")))
-        causes.append(_cause(fit, "slosh_nonlinearity", "slosh", compared.named, ratio))
+        causes.append(
+            _cause(fit, "slosh_nonlinearity", "tank", "slosh", compared.named, ("softening",), ratio)
+        )
     lag = fit.estimate["tank.lag"]
     if abs(lag.value) > NORMAL95 * lag.sigma:
-        value = _value(fit.estimate, lag.name)
-        ratio = (lag.value / lag.sigma) ** 2
-        causes.append(
-            FoundCause(
-                "sensor_delay", "force", "sensor", "delay" if lag.value > 0.0 else "lead", (value,), (),
-                {"likelihood_ratio": ratio, "freedom": 1.0, "p_value": float(chi2.sf(ratio, 1))},
-            )
-        )  # fmt: skip
+        shape, ratio = "delay" if lag.value > 0.0 else "lead", (lag.value / lag.sigma) ** 2
+        causes.append(_cause(fit, "sensor_delay", "force", "sensor", shape, ("lag",), ratio))
     quiet = fit.quiet(test)
     remaining = ()
     if fit.ring_down > ABOVE * quiet:
@@ -134,18 +130,11 @@ def tank_diagnosis(test: TankTest, compared: TankComparison, recording: str) -> 
     )
 
 
-def _cause(fit: TankFit, effect: str, family: str, shape: str, ratio: float) -> FoundCause:
-    names = ("slosh_mass", "frequency", "damping") if effect == "slosh" else ("softening",)
-    freedom = len(names)
-    evidence = {
-        "likelihood_ratio": ratio,
-        "freedom": float(freedom),
-        "p_value": float(chi2.sf(ratio, freedom)),
-    }
-    values = tuple(_value(fit.estimate, f"tank.{n}") for n in names)
-    return FoundCause(effect, "tank", family, shape, values, (), evidence)
-
-
-def _value(estimate: Estimate, name: str) -> Value:
-    p = estimate[name]
-    return Value(p.name, p.value, p.sigma, p.unit)
+def _cause(
+    fit: TankFit, effect: str, place: str, family: str, shape: str, names: Sequence[str], ratio: float
+) -> FoundCause:
+    p_value = float(chi2.sf(ratio, len(names)))
+    evidence = {"likelihood_ratio": ratio, "freedom": float(len(names)), "p_value": p_value}
+    found = [fit.estimate[f"tank.{n}"] for n in names]
+    values = tuple(Value(p.name, p.value, p.sigma, p.unit) for p in found)
+    return FoundCause(effect, place, family, shape, values, (), evidence)
