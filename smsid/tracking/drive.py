@@ -65,14 +65,12 @@ class CommandMemory:
         """Return what is remembered; what was never commanded is zero."""
         signals: dict[str, Signal] = {}
         for field, channel in COMMANDS.items():
-            own = self.memory.get(channel)
-            if field == "thruster_force":  # it says what the share of full thrust says
-                if own:
-                    share = [(t, x / self.full) for t, x in own]
-                    signals["thruster"] = self._thrust(share, channel)
+            own: Sequence[tuple[float, np.ndarray]] = self.memory.get(channel, ())
+            if not own:
                 continue
-            if own:
-                signals[field] = self._thrust(own, channel) if field == "thruster" else self._signal(own)
+            if field == "thruster_force":  # it says what the share of full thrust says
+                field, own = "thruster", [(t, x / self.full) for t, x in own]
+            signals[field] = self._thrust(own, channel) if field == "thruster" else self._signal(own)
         return Inputs(**signals)  # type: ignore[arg-type]
 
     def _thrust(self, samples: Sequence[tuple[float, np.ndarray]], channel: str) -> Signal:

@@ -17,11 +17,10 @@ import pinocchio as pin
 from smsid.errors import SimulationError
 from smsid.kernel.filter_arrays import Record
 from smsid.tracking.course import Course, Jump, Leg
-from smsid.tracking.jump_runs import reach_of_jump
+from smsid.tracking.jump_runs import CLOCK, reach_of_jump
 from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.update import Update
 
-CLOCK = 1e-6  # [s] by which times may be rounded
 FOLLOWED = 0.5  # standard deviations that models may be from what is known, one for the beginning
 
 

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 SCHEMA = "smsid.track"
 VERSION = 1
-SMOOTHED = (
+KNOWN = (
     ("value", "values", "parameter"),
     ("sigma", "sigmas", "parameter"),
     *((name, name, "dof") for name in ("position", "position_sigma", "velocity", "velocity_sigma")),
-)  # name in a file, field, second dimension
+)  # name in a file, field, second dimension; "smoothed_" before the name of what is known in the end
 FALSE_ALARMS = 0.1  # per hour, where changes are asked for
 
 
@@ -85,30 +85,18 @@ class TrackHistory:
     conditions: Mapping[str, float] = field(default_factory=dict)
     smoothed: SmoothedTrack | None = None
 
-    def parameter(self, name: str, *, smoothed: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return values and standard deviations (N,) of a parameter, from what was read until then, or all.
-
-        Raises `RecordingError` for one that was not followed, and where nothing was smoothed.
-        """
-        if name not in self.names:
-            raise RecordingError(
-                f"'{name}' was not followed.", advice=f"Followed were {', '.join(self.names)}."
-            )
-        if smoothed and self.smoothed is None:
-            raise RecordingError("The track was not smoothed.", advice="Make it again with --smooth.")
-        i, own = self.names.index(name), self.smoothed if smoothed and self.smoothed else self
-        return own.values[:, i], own.sigmas[:, i]
-
     def estimate(self) -> Estimate:
         """Return what is known at the end, as an estimate with its covariance; trends are no part of it."""
         trends = {f"{name}.trend" for name in self.names}
         kept = [i for i, name in enumerate(self.names) if name not in trends]
         table = zip(self.names, self.values[-1], self.units, self.sigmas[-1], self.described, strict=True)
-        rows = (row for i, row in enumerate(table) if i in kept)
+        parameters = [
+            classify(n, float(x), u, float(s), "tracked", nominal=float(d)) for n, x, u, s, d in table
+        ]
         return Estimate(
             self.description,
             "tracking",
-            tuple(classify(n, float(x), u, float(s), "tracked", nominal=float(d)) for n, x, u, s, d in rows),
+            tuple(parameters[i] for i in kept),
             self.recordings,
             notes=self.notes,
             covariance=self.covariance[np.ix_(kept, kept)],
@@ -130,25 +118,16 @@ class TrackHistory:
         """Return the history as a dataset of xarray."""
         import xarray as xr
 
-        def over(second: str) -> tuple[str, str]:
-            return ("time", second)
-
         variables: dict[str, Any] = {
             "own_time": ("time", self.own_time, {"unit": "s"}),
             "recording": ("time", self.recording),
-            "value": (over("parameter"), self.values),
-            "sigma": (over("parameter"), self.sigmas),
             "described": ("parameter", self.described),
             "covariance": (("parameter", "parameter_too"), self.covariance),
-            "position": (over("dof"), self.position),
-            "position_sigma": (over("dof"), self.position_sigma),
-            "velocity": (over("dof"), self.velocity),
-            "velocity_sigma": (over("dof"), self.velocity_sigma),
-            "fit": (over("channel"), self.fit),
+            "fit": (("time", "channel"), self.fit),
         }
-        if self.smoothed is not None:
-            for name, key, second in SMOOTHED:
-                variables[f"smoothed_{name}"] = over(second), getattr(self.smoothed, key)
+        for prefix, own in (("", self), ("smoothed_", self.smoothed)):
+            if own is not None:
+                variables |= {f"{prefix}{n}": (("time", second), getattr(own, k)) for n, k, second in KNOWN}
         coordinates = {
             "time": ("time", self.time, {"unit": "s"}),
             "parameter": list(self.names),
@@ -202,22 +181,19 @@ def _history(found: xr.Dataset) -> TrackHistory:
     }
     smoothed = None
     if "smoothed_value" in found:
-        smoothed = SmoothedTrack(**{key: found[f"smoothed_{name}"].values for name, key, _ in SMOOTHED})
-    motion = {k: found[k].values for k in ("position", "position_sigma", "velocity", "velocity_sigma")}
+        smoothed = SmoothedTrack(**{key: found[f"smoothed_{name}"].values for name, key, _ in KNOWN})
+    arrays |= {key: found[name].values for name, key, _ in KNOWN}
     return TrackHistory(
         description=str(found.attrs["description"]),
         recordings=tuple(words["recordings"]),
         names=tuple(map(str, found["parameter"].values)),
         units=tuple(map(str, found["unit"].values)),
-        values=found["value"].values,
-        sigmas=found["sigma"].values,
         dofs=tuple(map(str, found["dof"].values)),
         channels=tuple(map(str, found["channel"].values)),
         events=tuple(map(_event, words["events"])),
         notes=tuple(words["notes"]),
         smoothed=smoothed,
         **arrays,  # type: ignore[arg-type]
-        **motion,  # type: ignore[arg-type]
     )
 
 

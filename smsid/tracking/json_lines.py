@@ -100,10 +100,7 @@ class SampleColumns:
 
 
 def growing_lines(
-    path: str | os.PathLike[str],
-    *,
-    ended: Callable[[], bool],
-    pause: float = PAUSE,
+    path: str | os.PathLike[str], *, ended: Callable[[], bool], pause: float = PAUSE
 ) -> Iterator[str]:
     """Yield the lines of a file as they are written, whole ones only, until ``ended`` says that it is over.
 

@@ -24,7 +24,6 @@ from smsid.identify.stationary_joints import if_all_moved
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
-from smsid.simulate import Inputs
 from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.hidden_state_carrier import Chunk, HiddenStateCarrier
 from smsid.tracking.momentum_errors import RowErrors, row_errors, variance_factor
@@ -151,11 +150,11 @@ class MomentumTracker:
         self._receive(sample)
         return tuple(self._ready(final=False))
 
-    def update_all(self, samples: Iterable[Sample], inputs: Inputs | None = None) -> tuple[Update, ...]:
-        """Take in samples together; raises as `update`. Nothing depends on ``inputs``."""
+    def update_all(self, samples: Iterable[Sample]) -> tuple[Update, ...]:
+        """Take in samples together; raises as `update`."""
         return tuple(x for sample in samples for x in self.update(sample))
 
-    def flush(self, inputs: Inputs | None = None) -> tuple[Update, ...]:
+    def flush(self) -> tuple[Update, ...]:
         """Take in the window that is not complete; the recording is over then."""
         return tuple(self._ready(final=True))
 

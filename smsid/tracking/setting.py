@@ -50,11 +50,6 @@ class Setting:
         *,
         channels: tuple[str, ...] | None = None,
         hold: Literal["held", "linear"] = "held",
-        lateness: float = 0.0,
-        silence: float = 10.0,
-        locked: tuple[int, ...] = (),
-        unknown_inputs: tuple[UnknownInput, ...] = (),
-        initial: InitialPrior | None = None,
     ) -> Setting:
         """Return the setting of a spacecraft all of whose joints and wheels are driven by recorded commands.
 
@@ -78,18 +73,7 @@ class Setting:
                 names.append(channel)
                 sigma += own.tolist()
         step = longest_step(model)
-        return cls(
-            tuple(names),
-            tuple(sigma),
-            locked,
-            unknown_inputs,
-            hold=hold,
-            longest=step,
-            substep=min(0.025, step),
-            lateness=lateness,
-            silence=silence,
-            initial=initial or InitialPrior(),
-        )
+        return cls(tuple(names), tuple(sigma), hold=hold, longest=step, substep=min(0.025, step))
 
     @classmethod
     def of_flight(cls, flight: Flight) -> Setting:

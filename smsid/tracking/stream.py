@@ -27,7 +27,7 @@ from smsid.tracking.update import Update
 
 BEGIN = 30.0  # [s]
 
-Discrimination = dict[str, Any]
+Message = dict[str, Any]
 """What there is to say: a result, ``{"time", "parameters", "sigmas", "explained", "fit"}``, or an event with
 a ``text``: ``rejected``, ``not explained``, ``change``, or one of the tracker's log."""
 
@@ -76,7 +76,7 @@ class Stream:
             self._watch(tracker)
             self._explained = tracker.watch.explained
 
-    def hear(self, sample: Sample) -> list[Discrimination]:
+    def hear(self, sample: Sample) -> list[Message]:
         """Take in a sample, columns in the spacecraft's order, and return what there is to say.
 
         Raises `RecordingError` for a sample that cannot be used, `SimulationError` when the motion is lost.
@@ -85,7 +85,7 @@ class Stream:
             return self._begun(sample)
         return self._said(self.tracker.update(sample))
 
-    def hear_line(self, line: str) -> list[Discrimination]:
+    def hear_line(self, line: str) -> list[Message]:
         """Take in a line of JSON, sample or labels (`SampleColumns`); one that cannot be used is an event."""
         self._lines += 1
         try:
@@ -98,7 +98,7 @@ class Stream:
             return [{"event": "rejected", "line": self._lines, "text": str(error)}]
         return self.hear(sample)  # a beginning that is of no use is no matter of one line
 
-    def end(self) -> list[Discrimination]:
+    def end(self) -> list[Message]:
         """Take in what waits, and return what is left to say, the last result in any case.
 
         Raises `RecordingError` when no sample has come that could be used.
@@ -129,12 +129,12 @@ class Stream:
             raise RecordingError(f"{error.message} {refused}".strip(), advice=error.advice) from error
         yield from (json.dumps(json_ready(told)) for told in rest)
 
-    def _begun(self, sample: Sample) -> list[Discrimination]:
+    def _begun(self, sample: Sample) -> list[Message]:
         """Keep a sample of the beginning, and start where there is enough; a silence begins it anew.
 
         A moment behind a silence waits for a later one: where time goes on before it, its clock was wrong.
         """
-        out: list[Discrimination] = []
+        out: list[Message] = []
         if self._first:
             late = max(x.time for x in self._first) - sample.time
             if sample.time >= self._first[0].time - Setting.silence and late > max(
@@ -158,7 +158,7 @@ class Stream:
         enough = bool(self._first) and self._first[-1].time >= self._first[0].time + waits
         return out + (self._start() if enough else [])
 
-    def _start(self, *, over: bool = False) -> list[Discrimination]:
+    def _start(self, *, over: bool = False) -> list[Message]:
         """Make the tracker of what came first."""
         # beside what is newer, others may come late: it stays for the tracker to wait with
         until = max(x.time for x in self._first) - (0.0 if over else self.lateness or 0.0)
@@ -183,7 +183,7 @@ class Stream:
         if self.false_alarms is not None:
             self._detector = ChangeDetector.watch(tracker, false_alarms=self.false_alarms)
 
-    def _said(self, updates: Iterable[Update]) -> list[Discrimination]:
+    def _said(self, updates: Iterable[Update]) -> list[Message]:
         assert self.tracker is not None
         log, watch, out = self.tracker.log, self.tracker.watch, []
         fresh = min(log.total - self._events, len(log.last))
@@ -203,7 +203,7 @@ class Stream:
             self._changes = len(self._detector.changes)
         return out
 
-    def _result(self, update: Update) -> Discrimination:
+    def _result(self, update: Update) -> Message:
         """Return what is believed; ``fit`` is the mean square of this moment's normalised innovations."""
         assert self.tracker is not None
         names, watch = self.tracker.names, self.tracker.watch
@@ -217,7 +217,7 @@ class Stream:
         }
 
 
-def _change(change: Change) -> Discrimination:
+def _change(change: Change) -> Message:
     """Return what changed, when, and by how much with standard deviations."""
     return {
         "event": "change",

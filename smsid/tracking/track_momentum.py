@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.errors import RecordingError
 from smsid.estimation.identify_flights import labels_of
@@ -20,6 +20,7 @@ from smsid.tracking.sample import samples_of
 from smsid.tracking.update import Update
 
 
+@single_threaded
 def track_momentum(
     description: Description,
     recordings: Sequence[Recording],
@@ -41,22 +42,20 @@ def track_momentum(
     if not recordings:
         raise RecordingError("No recording was given.", advice="Give at least one.")
     tracker = MomentumTracker(description, estimate=estimate, cad=cad, memory=memory)
-    names, rows = labels_of(recordings), list[tuple[float, int, Update]]()
+    rows: list[tuple[float, int, Update]] = []
     shift = 0.0
-    with threadpool_limits(limits=1, user_api="blas"):
-        for number, recording in enumerate(recordings):
-            tracker.begin_recording()
-            ordered = order_columns(recording, tracker.model)
-            samples = samples_of(ordered)
-            told = [*tracker.update_all(samples), *tracker.flush()]
-            if not told:
-                raise RecordingError(
-                    f"'{recording.name}' is too short to tell motion from errors.",
-                    advice="Give recordings of half a minute or more.",
-                )
-            begin = min(float(ordered.time(c)[0]) for c in ordered.channels)
-            rows += [(u.time - begin + shift, number, u) for u in told]
-            shift = rows[-1][0] + gap
+    for number, recording in enumerate(recordings):
+        tracker.begin_recording()
+        ordered = order_columns(recording, tracker.model)
+        told = [*tracker.update_all(samples_of(ordered)), *tracker.flush()]
+        if not told:
+            raise RecordingError(
+                f"'{recording.name}' is too short to tell motion from errors.",
+                advice="Give recordings of half a minute or more.",
+            )
+        begin = min(float(ordered.time(c)[0]) for c in ordered.channels)
+        rows += [(u.time - begin + shift, number, u) for u in told]
+        shift = rows[-1][0] + gap
     updates = [u for _, _, u in rows]
     nothing = np.zeros((len(rows), 0))
     history = TrackHistory(
@@ -64,7 +63,7 @@ def track_momentum(
         time=np.array([t for t, _, _ in rows]),
         own_time=np.array([u.time for u in updates]),
         recording=np.array([number for _, number, _ in rows]),
-        recordings=tuple(names),
+        recordings=tuple(labels_of(recordings)),
         names=tracker.names,
         units=tracker.units,
         described=tracker.nominal,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
-from threadpoolctl import threadpool_limits
 
+from smsid._threads import single_threaded
 from smsid.description.schema import Description
 from smsid.errors import RecordingError, SimulationError, SmsidError
 from smsid.estimation.commands_between_samples import with_timing
@@ -43,6 +43,7 @@ SMOOTHINGS = 4  # at most, each about what the one before found
 ROOM = 4e8  # bytes for what is kept of a run until it is smoothed
 
 
+@single_threaded
 def track_recordings(
     description: Description,
     recordings: Sequence[Recording],
@@ -90,22 +91,6 @@ def track_recordings(
         raise RecordingError("No recording was given.", advice="Give at least one.")
     if not (np.isfinite(gap) and gap >= 0.0):
         raise RecordingError(f"A gap of {gap} s is none.", advice="Give zero or more seconds.")
-    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only get in the way
-        asked = (follow, hold, estimate, cad)
-        how = options, gap, every, warm_up, smooth
-        return _track(description, recordings, asked, how, hear, false_alarms)
-
-
-def _track(
-    description: Description,
-    recordings: Sequence[Recording],
-    asked: tuple[Mapping[str, Rate] | None, Sequence[str], Estimate | None, Cad | None],
-    how: tuple[FlightOptions | None, float, float | None, float, bool],
-    hear: Callable[[Update], None] | None,
-    false_alarms: float | None,
-) -> tuple[TrackHistory, Tracker]:
-    follow, hold, estimate, cad = asked
-    options, gap, every, warm_up, smooth = how
     described = Point.of(modal_panels(description)[0])
     labels = labels_of(recordings)
     flights = [flight_of(described, r, name, options) for r, name in zip(recordings, labels, strict=True)]
@@ -122,6 +107,9 @@ def _track(
         LOGGER.info("first read in a later recording: %s", ", ".join(sorted(seen)))
     total = sum(float(np.ptp(f.problem.data.times)) for f in flights)
     detector = None if false_alarms is None else ChangeDetector(tracker, false_alarms)
+    # the detector hears first, as it may change what is believed
+    listeners: list[Callable[[Update], object]] = [] if detector is None else [detector.hear]
+    listeners += [] if hear is None else [hear]
     changes: list[Event] = []
     watch = tracker.watch
     most = min(MOST_ROWS, int(ROOM / (24 * len(tracker.covariance) ** 2))) if smooth else MOST_ROWS
@@ -138,20 +126,16 @@ def _track(
         ]
         notes += more
     for number, (flight, recording) in enumerate(zip(flights, recordings, strict=True)):
-        times = flight.problem.data.times
-        start = None
+        first, passed = float(flight.problem.data.times[0]), None
         if ended is not None:
-            follows = float(times[0]) + shift >= ended
-            if not follows:
-                shift = ended + gap - float(times[0])
-            start = float(times[0])
+            if first + shift < ended:
+                shift = ended + gap - first
+            passed = first + shift - ended
+        flown.append((flight, recording, passed))
         # the tracker's clock is the recording's own; what passed in between is told as the start
-        passed = 0.0 if ended is None else float(times[0]) + shift - ended
-        started = None if start is None else tracker.time + passed
-        flown.append((flight, recording, None if start is None else passed))
-        tracker.begin_flight(flight, start=started)
+        tracker.begin_flight(flight, start=None if passed is None else tracker.time + passed)
         known = 0 if detector is None else len(detector.changes)
-        _fly(tracker, flight, recording, rows, number, shift, _all_hear(detector, hear))
+        _fly(tracker, flight, recording, rows, number, shift, listeners)
         if detector is not None:
             found = detector.changes[known:]
             changes += [Event(c.alarm + shift, "change", c.group, c.sentence) for c in found]
@@ -167,7 +151,10 @@ def _track(
             notes.append(f"nothing is smoothed: {error}")
     history = TrackHistory(
         description.name,
-        *rows.arrays(labels),
+        rows.stack("time"),
+        rows.stack("own_time"),
+        rows.stack("recording"),
+        tuple(labels),
         tracker.names,
         tracker.units,
         np.array([0.0 if x.of >= 0 else described.value(x.unknown) for x in tracker.start.followed]),
@@ -230,21 +217,6 @@ def _smooth_rows(
     return whole, [] if course is None else [unsettled]
 
 
-def _all_hear(
-    detector: ChangeDetector | None, hear: Callable[[Update], None] | None
-) -> Callable[[Update], None] | None:
-    """Return one listener for both; the detector hears first, as it may change what is believed."""
-    if detector is None:
-        return hear
-
-    def both(update: Update) -> None:
-        detector.hear(update)
-        if hear is not None:
-            hear(update)
-
-    return both
-
-
 def _fly(
     tracker: Tracker,
     flight: Flight,
@@ -252,7 +224,7 @@ def _fly(
     rows: _Rows,
     number: int,
     shift: float,
-    hear: Callable[[Update], None] | None,
+    listeners: Sequence[Callable[[Update], object]],
 ) -> None:
     """Run the tracker through one recording."""
 
@@ -260,7 +232,7 @@ def _fly(
         rows.hear(update)
         if update.time >= tracker.time:  # of a pass, where the filter is
             rows.add(tracker, number, shift)
-        if hear is not None:
+        for hear in listeners:
             hear(update)
 
     _feed(tracker, flight, recording, listen)
@@ -364,9 +336,6 @@ class _Rows:
 
     def stack(self, key: str) -> np.ndarray:
         return np.array(self.table[key])
-
-    def arrays(self, labels: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
-        return self.stack("time"), self.stack("own_time"), self.stack("recording"), tuple(labels)
 
     def fits(self, channels: Sequence[str]) -> np.ndarray:
         return np.array([[row.get(c, np.nan) for c in channels] for row in self.fit])

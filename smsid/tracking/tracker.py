@@ -25,6 +25,7 @@ from smsid.tracking.course import Course
 from smsid.tracking.drive import CommandMemory
 from smsid.tracking.fit_watch import FitWatch
 from smsid.tracking.followed_parameters import UNCERTAIN, Rate, StartingPoint, followed_parameters
+from smsid.tracking.jump_runs import CLOCK
 from smsid.tracking.linearisation import point_at
 from smsid.tracking.parameter_filter import ParameterFilter
 from smsid.tracking.prediction import StatePrediction, covariance_in_units, fill_times, predict
@@ -36,7 +37,6 @@ from smsid.tracking.update import TrackedState, Update
 SETTLE = 1.0  # [s] that is waited for every channel before the motion begins
 WARM = 10.0  # [s] within which a motion that is lost is that of another spacecraft
 CHUNK = 25  # samples whose commands are looked up at once
-CLOCK = 1e-6  # [s] by which times of samples may be rounded
 QUATERNION = 4
 
 
@@ -78,9 +78,8 @@ class Tracker:
             present=self.setting.channels,
         )  # fmt: skip
         self.listener: Callable[[Update], None] | None = None
-        self.rescue: Callable[[], bool] | None = (
-            None  # corrects the filter, where it knows why motion is lost
-        )
+        # corrects the filter, where it knows why motion is lost
+        self.rescue: Callable[[], bool] | None = None
         self.watch = FitWatch()
         self.course = Course()
         self._build(origin, start)
@@ -233,16 +232,18 @@ class Tracker:
     def _receive(self, sample: Sample) -> None:
         known: dict[str, np.ndarray] = {}
         for channel, value in sample.channels.items():
-            if channel in self.commands.sizes:
-                if len(value) != self.commands.sizes[channel]:
-                    raise _wrong_size(channel, len(value), self.commands.sizes[channel])
-            elif channel not in self._shapes:
+            size = self.commands.sizes.get(channel, self._shapes.get(channel))
+            if size is None:
                 if channel not in self._unknown_channels and len(self._unknown_channels) < 1000:
                     self._unknown_channels.add(channel)
                     self.log.add(sample.time, "unknown channel", channel, "no sensor measures it; left out")
                 continue
-            elif len(value) != self._shapes[channel]:
-                raise _wrong_size(channel, len(value), self._shapes[channel])
+            if len(value) != size:
+                raise RecordingError(
+                    f"'{channel}' has {len(value)} components; the description says {size}.",
+                    advice="Give them in the order of the description.",
+                    channel=channel,
+                )
             if channel in self.commands.sizes and not np.isfinite(value).all():
                 self.log.add(sample.time, "not finite", channel, "is not finite; the command before stays")
                 continue
@@ -420,11 +421,3 @@ class Tracker:
 
 
 _NOTHING = Recording.from_arrays([0.0, 1.0], {"command.force": np.zeros((2, 3))})
-
-
-def _wrong_size(channel: str, found: int, wanted: int) -> RecordingError:
-    return RecordingError(
-        f"'{channel}' has {found} components; the description says {wanted}.",
-        advice="Give them in the order of the description.",
-        channel=channel,
-    )

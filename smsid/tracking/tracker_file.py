@@ -49,11 +49,7 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
     """
     f = tracker.filter
     arrays: dict[str, np.ndarray] = {
-        "q": f.q,
-        "v": f.v,
-        "unknown": f.unknown,
-        "values": f.values,
-        "covariance": f.covariance,
+        **{name: getattr(f, name) for name in STATE},
         "linearised": f.at.values,
         "renewed": f.at.renewed,
         "known_at": f.known_at,
@@ -135,8 +131,9 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
     start = StartingPoint(followed, arrays["start_mean"], arrays["start_covariance"], notes, held)
     tracker._build(Point.of(tracker.description), start)
     f = tracker.filter
-    f.q, f.v, f.unknown, f.values = (arrays[k] for k in ("q", "v", "unknown", "values"))
-    f.covariance, f.time, f.rebuilt = arrays["covariance"], document["time"], document["rebuilt"]
+    for name in STATE:
+        setattr(f, name, arrays[name])
+    f.time, f.rebuilt = document["time"], document["rebuilt"]
     renewed = Linearisation(f.origin, followed, arrays["renewed"], f.layout, f.locked)
     f.at = Linearisation(f.origin, followed, arrays["linearised"], f.layout, f.locked, renewed, np.inf)
     f.known_at = arrays["known_at"]
@@ -226,13 +223,10 @@ def _restore_beginning(f: ParameterFilter, told: dict[str, Any], arrays: dict[st
         own.append([x.reshape(shapes[k]) for x, shapes in zip(parts, told["shapes"], strict=True)])
     inputs = [_inputs(x, k, arrays) for k, x in enumerate(told.get("inputs", ()))]
     commanded = [(inputs[k], substep) for k, substep in told["commanded"]] or [()] * len(told["shapes"])
+    no_jumps = np.zeros((0, f.nv))  # a tracker takes commands for jumping at samples
     for (edges, values, attitudes, *drive), asked in zip(zip(*own, strict=True), commanded, strict=True):
-        drives = Drive._make((*drive, _no_jumps(f), *f.forces, f.input_noise))
+        drives = Drive._make((*drive, no_jumps, *f.forces, f.input_noise))
         f.since.append((edges, drives, values, attitudes, asked))
-
-
-def _no_jumps(f: ParameterFilter) -> np.ndarray:
-    return np.zeros((0, f.nv))  # a tracker takes commands for jumping at samples
 
 
 def description_digest(description: Description) -> str:

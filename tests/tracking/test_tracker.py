@@ -49,11 +49,11 @@ def tracked(description, recording):
     return track_recordings(description, [recording], follow=CONSTANT, options=COMMANDED)
 
 
-def streaming(description, **more):
+def streaming(description, lateness=0.0):
     channels = ("st.attitude", "gyro.angular_rate", "tacho.wheel_rate")
     tracker = Tracker(description, follow=CONSTANT)
-    setting = Setting.of(tracker.description, tracker.origin.base, channels=channels, hold="linear", **more)
-    return Tracker(description, follow=CONSTANT, setting=setting)
+    setting = Setting.of(tracker.description, tracker.origin.base, channels=channels, hold="linear")
+    return Tracker(description, follow=CONSTANT, setting=replace(setting, lateness=lateness))
 
 
 def test_constant_parameters_end_at_the_batch_estimate(description, recording, tracked):
