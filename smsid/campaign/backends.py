@@ -34,13 +34,9 @@ def completed_runs(
 
     ``how`` goes to `joblib.parallel_config`.
     """
-    options: dict[str, Any] = {
-        "return_as": "generator_unordered",
-        "batch_size": 1,
-        "pre_dispatch": "2*n_jobs",
-    }
     with joblib.parallel_config(n_jobs=workers, **how):
-        results: Any = joblib.Parallel(**options)(joblib.delayed(task)(run) for run in runs)
+        parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+        results: Any = parallel(joblib.delayed(task)(run) for run in runs)
     try:
         for record in results:  # noqa: UP028 - `yield from` would close it before the warning is caught
             yield record
@@ -100,9 +96,8 @@ def _note_started(runs: Iterable[int], started: list[int]) -> Iterator[int]:
 
 def _alone(task: Task, run: int, how: dict[str, Any]) -> RunRecord:
     try:
-        return next(
-            completed_runs(task, [run], 2, how)
-        )  # with one worker joblib would compute it in this process
+        # with one worker joblib would compute it in this process
+        return next(completed_runs(task, [run], 2, how))
     except TerminatedWorkerError:
         message = "The worker process died: a segmentation fault, or out of memory."
         return RunRecord(run=run, status="failed", error=RunError(type="WorkerDied", message=message))

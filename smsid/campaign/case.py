@@ -16,7 +16,6 @@ from smsid.campaign.inertias import link_sigmas, urdf_parts, with_drawn_inertias
 from smsid.campaign.methods import check_options, import_method, reference_of, source_of
 from smsid.campaign.plan import Campaign, label_words
 from smsid.campaign.vary import (
-    Generators,
     Variation,
     drawn_factor,
     drawn_values,
@@ -110,12 +109,11 @@ class PreparedCampaign:
         def rng(label: str) -> np.random.Generator:
             return self.campaign.rng(run, f"{what} {label}")
 
-        generators: Generators = rng
         place = folder / what
         place.mkdir()
-        values = drawn_values(variations, effect_parameters(self.description), generators)
+        values = drawn_values(variations, effect_parameters(self.description), rng)
         drawn = with_values(self.description, values) if values else self.description
-        return with_drawn_inertias(drawn, variations, generators, place)
+        return with_drawn_inertias(drawn, variations, rng, place)
 
 
 def prepare(campaign: Campaign) -> PreparedCampaign:

@@ -65,10 +65,8 @@ def run_campaign(
     count = _worker_count(backend, workers, dask_address)
     runs = prepared.campaign.runs
     pending = store.pending_runs(runs, retry_failed=retry_failed)
-    failed = len([i for i in store.failed if i < runs])
-    retried = set(pending) & set(store.failed)
-    failed -= len(retried)
-    state = Progress(runs - len(pending), runs, failed)
+    failed = {i for i in store.failed if i < runs} - set(pending)
+    state = Progress(runs - len(pending), runs, len(failed))
     if progress is not None:
         progress(state)
     if not pending:

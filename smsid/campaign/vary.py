@@ -22,9 +22,9 @@ Generators = Callable[[str], np.random.Generator]
 CUT = 3.0
 """Normal draws beyond this many standard deviations are drawn again."""
 
-_RANDOM_TERMS = (
-    "noise_density",
-    "noise_sigma",
+WHITE_NOISE = ("noise_density", "noise_sigma")
+RANDOM_TERMS = (
+    *WHITE_NOISE,
     "bias_sigma",
     "bias_instability",
     "random_walk",
@@ -189,12 +189,12 @@ def drawn_factor(factor: float | tuple[float, float], rng: np.random.Generator) 
     return float(np.exp(rng.uniform(low, high)))
 
 
-def scaled_sensor(sensor: Sensor, factor: float) -> Sensor:
-    """Return a sensor with the standard deviations of its random errors multiplied by ``factor`` [1]."""
+def scaled_sensor(sensor: Sensor, factor: float, terms: Sequence[str] = RANDOM_TERMS) -> Sensor:
+    """Return a sensor with ``terms``, standard deviations of its errors, multiplied by ``factor`` [1]."""
     if factor == 1.0:
         return sensor
     errors = {
-        quantity: model.model_copy(update={k: _times(getattr(model, k), factor) for k in _RANDOM_TERMS})
+        quantity: model.model_copy(update={k: _times(getattr(model, k), factor) for k in terms})
         for quantity, model in sensor.errors.items()
     }
     return sensor.model_copy(update={"errors": errors})
