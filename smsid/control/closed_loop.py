@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import joblib
 import numpy as np
@@ -127,9 +127,8 @@ def track(
     q0 = starting_point(model, controller) if start is None else start
     actuators = Actuators(model, 1.0 / rate)
     if not limits:
-        lay = actuators.layout
-        none = np.full(len(lay.names), np.inf)
-        actuators.layout = WheelLayout(lay.names, lay.axes, lay.inertia, none, none)
+        none = np.full(len(model.wheels), np.inf)
+        actuators.layout = replace(actuators.layout, max_torque=none, max_rate=none)
         actuators.effort = np.full_like(actuators.effort, np.inf)
     if sensors is not None and rng is None:
         raise ControlError("Sensors were given without a generator for their errors.", advice="Pass rng.")

@@ -71,17 +71,12 @@ class CompiledFlight:
         if senses is None:
             return None
         f = controller.filter or StateSpace.zero_system(d.size, 2 * d.size)
-        a, b, c, through = (np.ascontiguousarray(x) for x in (f.a, f.b, f.c, f.d))
+        k = controller.gains
         law = Law(
             *inside.arrays,
             d.arm.v - 6,
             d.wheels.v - 6,
-            np.ascontiguousarray(controller.gains.proportional),
-            np.ascontiguousarray(controller.gains.derivative),
-            a,
-            b,
-            c,
-            through,
+            *map(np.ascontiguousarray, (k.proportional, k.derivative, f.a, f.b, f.c, f.d)),
             controller.reference.sampled(time[:-1]),
             SMALLEST_COSINE,
         )

@@ -69,28 +69,27 @@ def controller_document(made: ControllerDesign) -> dict[str, Any]:
             }
             for b in term.blocks
         ],
-    }
-    document["model"] = {
-        "bodies": {
-            name: [float(x) for x in inertia.toDynamicParameters()]
-            for name, inertia in zip(
-                list(made.dynamics.pin.names)[1:], list(made.dynamics.pin.inertias)[1:], strict=True
-            )
+        "model": {
+            "bodies": {
+                name: [float(x) for x in inertia.toDynamicParameters()]
+                for name, inertia in made.dynamics.bodies.items()
+            },
+            "unit": "m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz in the joint's frame, "
+            "slosh and appendages at rest: SI",
+            "identified": list(made.identified.applied) if made.identified else [],
+            "as_described": list(made.identified.left) if made.identified else [],
         },
-        "unit": "m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz in the joint's frame, slosh and appendages at rest: SI",
-        "identified": list(made.identified.applied) if made.identified else [],
-        "as_described": list(made.identified.left) if made.identified else [],
+        "poles": [
+            {
+                "mode": p.name,
+                "value": [p.value.real, p.value.imag],
+                "unit": "rad/s",
+                "damping": p.damping,
+                "flag": p.flag,
+            }
+            for p in made.poles
+        ],
     }
-    document["poles"] = [
-        {
-            "mode": p.name,
-            "value": [p.value.real, p.value.imag],
-            "unit": "rad/s",
-            "damping": p.damping,
-            "flag": p.flag,
-        }
-        for p in made.poles
-    ]
     if made.robustness is not None:
         document["robustness"] = asdict(made.robustness)
     if made.tuning is not None:
@@ -125,16 +124,16 @@ class SavedController:
         Raises `ControlError` when it was made for another spacecraft.
         """
         dynamics = ReducedDynamics(model)
-        names = list(dynamics.pin.names)[1:]
-        if model.description.name != self.description or set(names) != set(self.bodies):
+        described = dynamics.bodies
+        if model.description.name != self.description or set(described) != set(self.bodies):
             raise ControlError(
                 f"The controller was designed for '{self.description}' with {', '.join(self.bodies)}; "
-                f"'{model.description.name}' has {', '.join(names)}.",
+                f"'{model.description.name}' has {', '.join(described)}.",
                 advice="Design one for this description by `smsid control`.",
             )
         inertias = [
-            pinocchio_inertia(self.bodies[name]) if self.bodies[name][0] > 0.0 else described
-            for name, described in zip(names, list(dynamics.pin.inertias)[1:], strict=True)
+            pinocchio_inertia(self.bodies[name]) if self.bodies[name][0] > 0.0 else inertia
+            for name, inertia in described.items()
         ]
         own = dynamics.with_inertias(inertias)
         return ModelBasedController(own, self.gains, reference, robust=self.term, period=period)

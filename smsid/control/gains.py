@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from smsid.errors import ControlError
 
@@ -47,8 +48,6 @@ class Gains:
 
     def blocks(self) -> list[np.ndarray]:
         """Return the coordinates that the gains couple, group by group, indices (k,) each."""
-        from scipy.sparse.csgraph import connected_components
-
         count, label = connected_components(
             (self.proportional != 0.0) | (self.derivative != 0.0), directed=False
         )

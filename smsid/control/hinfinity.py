@@ -138,16 +138,15 @@ def _bracket(plant: Plant) -> tuple[float, float]:
 def _check(plant: Plant) -> None:
     """Raise `ControlError` when a mode that is not stable is out of reach or out of sight."""
     s = plant.system
-    p, m = s.d.shape
-    b2, c2 = s.b[:, m - plant.controls :], s.c[p - plant.measurements :]
+    p1, m1 = s.d.shape[0] - plant.measurements, s.d.shape[1] - plant.controls
     size = max(1.0, float(np.linalg.norm(s.a, 2)) if s.order else 1.0)
     for pole in s.poles:
         if pole.real < 0.0:
             continue
         shifted = s.a - pole * np.eye(s.order)
         for matrix, word in (
-            (np.hstack([shifted, b2]), "moved by u"),
-            (np.vstack([shifted, c2]), "seen in y"),
+            (np.hstack([shifted, s.b[:, m1:]]), "moved by u"),
+            (np.vstack([shifted, s.c[p1:]]), "seen in y"),
         ):
             if np.linalg.svd(matrix, compute_uv=False)[s.order - 1] < 1e-10 * size:
                 raise ControlError(
@@ -155,20 +154,16 @@ def _check(plant: Plant) -> None:
                     advice="An integrating weight must be stable: give it a small decay.",
                     pole=complex(pole),
                 )
-    d12, d21 = (
-        s.d[: p - plant.measurements, m - plant.controls :],
-        s.d[p - plant.measurements :, : m - plant.controls],
-    )
     for matrix, full, what in (
-        (d12, plant.controls, "D12 has not full column rank: some control signal is free of cost"),
-        (d21, plant.measurements, "D21 has not full row rank: some measurement is free of noise"),
+        (s.d[:p1, m1:], plant.controls, "D12 has not full column rank: some control signal is free of cost"),
+        (s.d[p1:, :m1], plant.measurements, "D21 has not full row rank: some measurement is free of noise"),
     ):
         if np.linalg.matrix_rank(matrix) < full:
             raise ControlError(
                 f"The design is ill-posed: {what}.",
                 advice="Weigh every control signal, put noise on every measurement.",
             )
-    if np.any(s.d[p - plant.measurements :, m - plant.controls :]):
+    if np.any(s.d[p1:, m1:]):
         raise ControlError(
             "The plant passes u to y at once (D22 is not zero).",
             advice="Design for y - D22 u and close the loop K (I + D22 K)^-1.",
@@ -183,8 +178,7 @@ def central_controller(
     ``system`` takes (w, u) to (z, y), u the last ``controls`` inputs, y the last ``measurements`` outputs;
     its D12 must have full column rank, its D21 full row rank, its D22 be zero.
     """
-    m2, p2 = controls, measurements
-    m1, p1 = system.d.shape[1] - m2, system.d.shape[0] - p2
+    m1, p1 = system.d.shape[1] - controls, system.d.shape[0] - measurements
     q12, r12 = _to_bottom(system.d[:p1, m1:])
     q21, r21 = _to_bottom(system.d[p1:, :m1].T)
     inverse12, inverse21 = np.linalg.inv(r12), np.linalg.inv(r21.T)
@@ -193,11 +187,9 @@ def central_controller(
     c1, c2 = q12.T @ system.c[:p1], inverse21 @ system.c[p1:]
     d11 = q12.T @ system.d[:p1, :m1] @ q21
     found = _normalised_controller(a, b1, b2, c1, c2, d11, gamma)
-    if found is None:
+    if found is None or not all(np.isfinite(x).all() for x in found):
         return None
     ak, bk, ck, dk = found
-    if not all(np.isfinite(x).all() for x in found):
-        return None
     return StateSpace(ak, bk @ inverse21, inverse12 @ ck, inverse12 @ dk @ inverse21)
 
 

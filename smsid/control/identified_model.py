@@ -64,7 +64,7 @@ class IdentifiedModel:
         change = (deviations @ self.directions).reshape(-1, SIZE)
         names = list(self.model.pin.names)[1:]
         inertias = []
-        for name, inertia in zip(list(found.pin.names)[1:], list(found.pin.inertias)[1:], strict=True):
+        for name, inertia in found.bodies.items():
             own = change[names.index(name)]
             theta = inertia.toDynamicParameters() + own
             inertias.append(pinocchio_inertia(theta) if own.any() else inertia.copy())

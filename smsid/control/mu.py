@@ -1,4 +1,4 @@
-"""Upper bound on the structured singular value by D-G scaling; the lower one is a plant, see `worst_case`.
+"""Upper bound on the structured singular value by D-G scaling; the lower is a plant, see `worst_parameters`.
 
 mu(N) <= beta when, with D > 0 and G real that commute with the structure (here diagonal, and a number for
 each full block; G only for real scalars),

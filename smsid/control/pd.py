@@ -61,7 +61,7 @@ class ModelBasedController:
         period: float | None = None,
         coordinates: Coordinates = "quaternion",
     ) -> None:
-        """Raise `ControlError` when sizes do not fit or the sampled robust loop is not stable."""
+        """Raise `ControlError` when sizes do not fit or a robust term comes without ``period``."""
         for what, size in (("gains", gains.size), ("reference", reference.size)):
             if size != dynamics.size:
                 raise ControlError(

@@ -47,20 +47,15 @@ class ControlledFlight:
 
 @dataclass(frozen=True)
 class JointPath(Motion):
-    """A motion of the joints along signals, until ``end`` [s]."""
+    """A motion of the joints along signals, until ``duration`` [s]."""
 
     along: JointMotion
-    end: float
+    duration: float
 
     @property
     def size(self) -> int:
         """Number of joints."""
         return self.along.position.size
-
-    @property
-    def duration(self) -> float:
-        """When it ends [s]."""
-        return self.end
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return angle, rate and acceleration (n,) at t [s]."""
@@ -134,15 +129,14 @@ def fly_controlled(
     streams = NoiseStreams(copy.deepcopy(rng))
     sensed = SensedState(model, model.description.effective_sensors(), times[-1], saved.rate, streams)
     wheels, joints = model.wheels.v, model.arm_joints.v
-    asked = np.zeros((calls, len(wheels))), np.zeros((calls, len(joints)))
+    driven = {"wheel_torque": wheels, **({"joint_torque": joints} if len(joints) else {})}
+    asked = {name: np.zeros((calls, len(index))) for name, index in driven.items()}
     outside: dict[str, Any] = {
         name: Sampled.from_samples(times, np.array([signal(t) for t in times]), degree=0)
         for name in ("force", "torque", "thruster")
         if (signal := getattr(plan.inputs(), name)) is not None
     }
-    own_signals: dict[str, Any] = {"wheel_torque": AskedTorques(asked[0], period)}
-    if len(joints):
-        own_signals["joint_torque"] = AskedTorques(asked[1], period)
+    own_signals: dict[str, Any] = {name: AskedTorques(table, period) for name, table in asked.items()}
     applied = Inputs(**outside, **own_signals).driven(model).applied(model)
     edges = np.unique(np.round(np.array([*times, *applied.breakpoints]) / SAME_TIME)) * SAME_TIME
 
@@ -153,7 +147,8 @@ def fly_controlled(
     kernel = Kernel.of(model)
     for k, t in enumerate(times[:-1]):
         found = actuators(controller.command(t, sensed(t, q[k], v[k])).torques, v[k][wheels])
-        asked[0][k], asked[1][k] = found[wheels], found[joints]
+        for name, index in driven.items():
+            asked[name][k] = found[index]
         inner = edges[(edges > t + SAME_TIME) & (edges < times[k + 1] - SAME_TIME)]
         q[k + 1], v[k + 1] = q[k], v[k]
         for a, b in pairwise([t, *inner, times[k + 1]]):
@@ -167,14 +162,15 @@ def fly_controlled(
         if progress is not None:
             progress(times[k + 1])
 
-    commanded: dict[str, Any] = {"wheel_torque": Sampled.from_samples(times[:-1], asked[0], degree=0)}
-    if len(joints):
-        commanded["joint_torque"] = Sampled.from_samples(times[:-1], asked[1], degree=0)
+    commanded: dict[str, Any] = {
+        name: Sampled.from_samples(times[:-1], table, degree=0) for name, table in asked.items()
+    }
     trajectory = simulate(model, Inputs(**outside, **commanded), times[-1], q0=q0, v0=v0)
     note = {"controller": {"description": saved.description, "rate": saved.rate}}
     flight = record_motion(trajectory, plan, rng, role=role, provenance=note)
     tau = np.zeros((calls + 1, model.nv))
-    tau[:-1, wheels], tau[:-1, joints] = asked
+    for name, index in driven.items():
+        tau[:-1, index] = asked[name]
     tau[-1] = tau[-2]
     return ControlledFlight(flight, tracking_of(model, controller, times, q, v, tau, actuators))
 

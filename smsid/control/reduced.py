@@ -17,6 +17,7 @@ conserved angular momentum. Attitude coordinates give (40): H = S^T H_b S, J_c^T
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Literal
 
@@ -79,17 +80,20 @@ class ReducedDynamics:
         """Number of coordinates, 3 + n."""
         return 3 + len(self.arm)
 
+    @property
+    def bodies(self) -> dict[str, pin.Inertia]:
+        """Inertias of the bodies, by the joints of ``pin`` from the base on."""
+        return dict(zip(list(self.pin.names)[1:], list(self.pin.inertias)[1:], strict=True))
+
     def with_inertias(self, inertias: list[pin.Inertia]) -> ReducedDynamics:
         """Return a copy whose bodies have other inertias, one per joint of ``pin`` from the base on.
 
         Raises `ControlError` for another number of them.
         """
-        import copy
-
         if len(inertias) != self.pin.njoints - 1:
             raise ControlError(
                 f"{len(inertias)} inertias were given for {self.pin.njoints - 1} bodies: "
-                f"{', '.join(list(self.pin.names)[1:])}."
+                f"{', '.join(self.bodies)}."
             )
         other = copy.copy(self)
         other.pin = self.pin.copy()

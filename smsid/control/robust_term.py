@@ -27,12 +27,17 @@ from smsid.control.statespace import StateSpace, hinf_norm, lower_lft, stack
 from smsid.control.weights import ROLL_OFF, SLOWEST, DesignWeights
 from smsid.errors import ControlError
 
+logger = logging.getLogger(__name__)
 SLOWER = (0.7, 0.5, 0.35, 0.25, 0.18)
 """Crossovers tried below the weights', relative to it: less is more where noise outweighs disturbance."""
 NUDGES = 25
 """Steps of 2 % above the least bound on e that are tried until the norm is met for certain."""
 WORTH = 0.97
 """A slower loop is taken when it lowers the bound on e at least to this share."""
+KEPT = 0.8
+"""Share of its own damping, base free or held, that a mode has to keep."""
+RELAXED = (1.5, 2.0, 3.0, 5.0, 10.0)
+"""Times the least bound on the error that is asked for when nothing else helps."""
 
 
 @dataclass(frozen=True)
@@ -92,24 +97,12 @@ def design_robust_term(
             f"The gains are for {gains.size} coordinates, the weights for {weights.size}.",
             advice="Both need 3 of attitude and one per arm joint.",
         )
-    blocks, parts, order = [], [], []
-    for index in gains.blocks():
-        block, controller = _design(gains, weights, index, error, slower, relaxed)
-        blocks.append(block)
-        parts.append(controller)
-        order.append(index)
-    n, coordinates = gains.size, np.concatenate(order)
-    joined = stack(parts)
-    inputs = np.zeros((2 * n, 2 * n))
-    at = 0
-    for index in order:
-        k = len(index)
-        inputs[np.arange(at, at + k), index] = 1.0
-        inputs[np.arange(at + k, at + 2 * k), n + index] = 1.0
-        at += 2 * k
-    outputs = np.zeros((n, n))
-    outputs[coordinates, np.arange(n)] = 1.0
-    return RobustTerm(gains, weights, joined.scaled(outputs, inputs), tuple(blocks))
+    n, order = gains.size, gains.blocks()
+    designed = [_design(gains, weights, index, error, slower, relaxed) for index in order]
+    inputs = np.eye(2 * n)[np.concatenate([[*index, *(n + index)] for index in order])]  # by groups
+    outputs = np.eye(n)[:, np.concatenate(order)]
+    joined = stack([controller for _, controller in designed]).scaled(outputs, inputs)
+    return RobustTerm(gains, weights, joined, tuple(block for block, _ in designed))
 
 
 def _design(
@@ -121,13 +114,11 @@ def _design(
     relaxed: float,
 ) -> tuple[DesignBlock, StateSpace]:
     kp, kd = gains.proportional[np.ix_(index, index)], gains.derivative[np.ix_(index, index)]
-    part = DesignWeights(
-        weights.disturbance[index],
-        weights.angle_noise[index],
-        weights.rate_noise[index],
-        weights.uncertainty,
-        weights.crossover,
-        weights.integral,
+    part = replace(
+        weights,
+        disturbance=weights.disturbance[index],
+        angle_noise=weights.angle_noise[index],
+        rate_noise=weights.rate_noise[index],
     )
     # what PD alone leaves of a steady disturbance
     passive = np.linalg.solve(kp, part.disturbance)
@@ -262,15 +253,14 @@ def error_plant(kp: np.ndarray, kd: np.ndarray, weights: DesignWeights, error: n
         ]
     )
     b2 = np.vstack([zero, d, zero, -one, zero])
-    high = ROLL_OFF
     c1 = np.block(
         [
             [to_e, zero, one, zero, zero],
-            [high * p, high * v, zero, high * (delta * c - fast) * one, -high * gap * p @ n1],
+            [ROLL_OFF * p, ROLL_OFF * v, zero, ROLL_OFF * (delta * c - fast) * one, -ROLL_OFF * gap * p @ n1],
         ]
     )
-    d11 = np.block([[zero, zero, zero], [zero, high * p @ n1, high * v @ n2]])
-    d12 = np.vstack([zero, -high * one])
+    d11 = np.block([[zero, zero, zero], [zero, ROLL_OFF * p @ n1, ROLL_OFF * v @ n2]])
+    d12 = np.vstack([zero, -ROLL_OFF * one])
     i1, i2 = np.linalg.inv(n1), np.linalg.inv(n2)
     c2 = np.block([[i1, zero, zero, zero, -gap * one], [zero, i2, zero, zero, zero]])
     d21 = np.block([[zero, one, zero], [zero, zero, one]])
@@ -326,13 +316,6 @@ def _design_block(
     return DesignBlock(
         index, found, error, crossover, peak_s, peak_t, (lower, upper), float(phase), loop.poles
     )
-
-
-logger = logging.getLogger(__name__)
-KEPT = 0.8
-"""Share of its own damping, base free or held, that a mode has to keep."""
-RELAXED = (1.5, 2.0, 3.0, 5.0, 10.0)
-"""Times the least bound on the error that is asked for when nothing else helps."""
 
 
 def guarded_term(

@@ -167,27 +167,20 @@ def _stream(
             advice="Leave its effect `scale_by_rate` out.",
             sensor=sensor.name,
         )
+
+    def measured(errors: ErrorModel, times: np.ndarray, truth: np.ndarray) -> np.ndarray:
+        own = sensor.model_copy(update={"errors": {quantity: errors}})
+        return own.measure(quantity, times, truth, fresh(), delayed=True)
+
     times = np.arange(int(duration * rate + 1e-6) + 2) / rate
     nothing = {"delay": 0.0, "saturation": None, "quantisation": 0.0}
     if quantity == "attitude":
         still = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
-        turns = _with(sensor, quantity, error.model_copy(update=nothing)).measure(
-            quantity, times, still, fresh(), delayed=True
-        )
-        return _Stream(
-            rate,
-            error.delay,
-            Rotation.from_quat(turns).as_matrix(),
-            None,
-            None,
-            error.quantisation,
-            sensor.rotation,
-        )
+        turns = Rotation.from_quat(measured(error.model_copy(update=nothing), times, still)).as_matrix()
+        return _Stream(rate, error.delay, turns, None, None, error.quantisation, sensor.rotation)
     perfect = ErrorModel()
     additive = error.model_copy(update={**nothing, **{k: getattr(perfect, k) for k in LINEAR}})
-    errors = _with(sensor, quantity, additive).measure(
-        quantity, times, np.zeros((len(times), size)), fresh(), delayed=True
-    )
+    errors = measured(additive, times, np.zeros((len(times), size)))
     linear = None
     if error.misaligned or error.scaled:
         own = ("scale_error", "misalignment")
@@ -195,9 +188,7 @@ def _stream(
             key: ComponentError(**{k: getattr(p, k) for k in own}) for key, p in error.components.items()
         }
         only = ErrorModel(**{k: getattr(error, k) for k in LINEAR}, components=parts)
-        linear = _with(sensor, quantity, only).measure(
-            quantity, np.arange(size) / rate, np.eye(size), fresh(), delayed=True
-        )
+        linear = measured(only, np.arange(size) / rate, np.eye(size))
     return _Stream(rate, error.delay, errors, linear, error.saturation, error.quantisation)
 
 
@@ -208,7 +199,3 @@ def _round_attitude(rotation: np.ndarray, step: float, mount: np.ndarray) -> np.
     """
     whole = np.round(pin.Quaternion(rotation @ mount).coeffs() / step)
     return pin.Quaternion(whole / np.linalg.norm(whole)).toRotationMatrix() @ mount.T
-
-
-def _with(sensor: Sensor, quantity: str, error: ErrorModel) -> Sensor:
-    return sensor.model_copy(update={"errors": {quantity: error}})

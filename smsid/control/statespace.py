@@ -99,12 +99,7 @@ class StateSpace:
 
 def stack(systems: list[StateSpace]) -> StateSpace:
     """Return the block-diagonal system."""
-    parts = [block_diag(*(getattr(s, k) for s in systems)) for k in "abcd"]
-    n = sum(s.order for s in systems)
-    m, p = sum(s.d.shape[1] for s in systems), sum(s.d.shape[0] for s in systems)
-    return StateSpace(
-        parts[0].reshape(n, n), parts[1].reshape(n, m), parts[2].reshape(p, n), parts[3].reshape(p, m)
-    )
+    return StateSpace(*(block_diag(*(getattr(s, k) for s in systems)) for k in "abcd"))
 
 
 def lower_lft(plant: StateSpace, controller: StateSpace) -> StateSpace:

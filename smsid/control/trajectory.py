@@ -31,15 +31,8 @@ class Motion:
     Those of one's own give `at`, or `sampled` for many times at once.
     """
 
-    @property
-    def size(self) -> int:
-        """Number of coordinates."""
-        raise NotImplementedError
-
-    @property
-    def duration(self) -> float:
-        """When it rests [s]."""
-        raise NotImplementedError
+    size: int
+    duration: float
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return position, rate and acceleration (size,) at t [s]."""

@@ -178,9 +178,6 @@ def _frequencies(plant: UncertainPlant, delta: np.ndarray, held: bool) -> tuple[
     reduced = reduced_mass(mass, kept.tolist(), out.tolist())
     values, vectors = eigh(np.diag(stiffness[kept]), reduced)
     start = 0 if held else k  # as many modes without stiffness as there are free coordinates
-    flexible = slice(0, None) if held else slice(k, None)
-    names = []
-    for vector in vectors.T[start:]:
-        share = (vector**2 * np.diag(reduced))[flexible]
-        names.append(plant.names[k:][int(np.argmax(share))])
+    shares = (vectors.T[start:] ** 2 * np.diag(reduced))[:, start:]
+    names = [plant.names[k:][best] for best in np.argmax(shares, axis=1)]
     return np.sqrt(np.maximum(values[start:], 0.0)), tuple(names)

@@ -17,20 +17,11 @@ SMALLEST_SINGULAR_VALUE = 1e-3
 
 @dataclass(frozen=True)
 class Allocation:
-    """Motor torques ``wheels`` (w,) [N m] and what they do to the base, ``base`` (3,) body axes [N m].
-
-    ``torque_limited`` and ``rate_limited`` (w,) say which wheels are at a limit.
-    """
+    """Motor torques ``wheels`` (w,) [N m]; ``torque_limited``, ``rate_limited`` (w,): those at a limit."""
 
     wheels: np.ndarray
-    base: np.ndarray
     torque_limited: np.ndarray
     rate_limited: np.ndarray
-
-    @property
-    def saturated(self) -> bool:
-        """Whether the base got less than was asked for because of a limit."""
-        return bool(self.torque_limited.any() or self.rate_limited.any())
 
 
 @dataclass(frozen=True)
@@ -124,7 +115,7 @@ class WheelLayout:
         lowest = np.maximum(-self.max_torque, room * (-self.max_rate - rates))
         limited = np.clip(wheels, np.minimum(lowest, self.max_torque), np.maximum(highest, -self.max_torque))
         rate_limited = np.abs(limited - wheels) > 1e-12 * (1.0 + np.abs(wheels))
-        return Allocation(limited, -self.axes @ limited, torque_limited, rate_limited)
+        return Allocation(limited, torque_limited, rate_limited)
 
     def _least_share_torques(self, wheels: np.ndarray) -> np.ndarray:
         """Return the torques of the same effect whose largest share of the limits is least."""
