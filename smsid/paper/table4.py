@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.campaign.vary import WHITE_NOISE, scaled_sensor
 from smsid.control.closed_loop import left_out, sensor_noise, track_many
-from smsid.control.gains import Gains, gains
+from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import Draw, ReducedDynamics, perturb_bodies
 from smsid.control.robust_term import RobustTerm, design_robust_term
@@ -125,11 +126,9 @@ class Study:
         self.reference = Reference(motion)
         self.dynamics = ReducedDynamics(model)
         own = {"attitude": variant.attitude_noise, "angular_rate": variant.gyro_noise}
-        described = [_with_noise(s, own) for s in model.description.effective_sensors()]
-        self.described = described
-        self.sensors = [_louder(s, variant.noise) for s in described]
+        self.described = [_with_noise(s, own) for s in model.description.effective_sensors()]
+        self.sensors = [scaled_sensor(s, variant.noise, WHITE_NOISE) for s in self.described]
         self._terms: dict[tuple[float, float], RobustTerm] = {}
-        self._gains: dict[tuple[float, float], Gains] = {}
 
     def robust_term(self, case: Table4Row) -> RobustTerm:
         """Return the H-infinity term for a case's gains, designed for 5 % and for what slosh and panel do."""
@@ -183,16 +182,13 @@ class Study:
         if case.name == "D" and self.identified:
             # a copy: a model has scratch space, and flights side by side may share it
             chosen = self.identified[draw % len(self.identified)]
-            dynamics = chosen.with_inertias(list(chosen.pin.inertias)[1:])
+            dynamics = chosen.with_inertias(list(chosen.bodies.values()))
         else:
             pattern = np.random.default_rng([draw, 1])
             dynamics = perturb_bodies(self.dynamics, case.level, pattern, self.variant.draw)
-        key = case.proportional, case.derivative
-        if key not in self._gains:
-            self._gains[key] = gains(dynamics.size, *key)
         return ModelBasedController(
             dynamics,
-            self._gains[key],
+            gains(dynamics.size, case.proportional, case.derivative),
             self.reference,
             robust=self.robust_term(case) if controller == "hinf" else None,
             period=1.0 / self.variant.rate,
@@ -207,17 +203,4 @@ def _with_noise(sensor: Sensor, sigma: Mapping[str, float | None]) -> Sensor:
         else error.model_copy(update={"noise_sigma": sigma[quantity], "noise_density": None})
         for quantity, error in sensor.errors.items()
     }
-    return sensor.model_copy(update={"errors": errors})
-
-
-def _louder(sensor: Sensor, factor: float) -> Sensor:
-    """Return the sensor with its white noise scaled."""
-    errors = {}
-    for quantity, error in sensor.errors.items():
-        change = {}
-        for key in ("noise_sigma", "noise_density"):
-            value = getattr(error, key)
-            if value is not None:
-                change[key] = tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
-        errors[quantity] = error.model_copy(update=change)
     return sensor.model_copy(update={"errors": errors})

@@ -257,20 +257,9 @@ def improvements(runs: Sequence[Run]) -> list[dict[str, object]]:
         pair = [[r for r in runs if (r.case, r.controller) == (c, controller)] for c in ("D", case)]
         if not all(pair):
             continue
-        lower = [
-            100.0
-            * (
-                1.0
-                - np.median([getattr(r, n) for r in pair[0]]) / np.median([getattr(r, n) for r in pair[1]])
-            )
-            for n in ("base", "joints")
-        ]
-        out.append(
-            {
-                "controller": controller,
-                "against": case,
-                "lower_percent": [float(x) for x in lower],
-                "paper": printed,
-            }
-        )
+        lower = []
+        for name in ("base", "joints"):
+            ours, other = (np.median([getattr(r, name) for r in own]) for own in pair)
+            lower.append(float(100.0 * (1.0 - ours / other)))
+        out.append({"controller": controller, "against": case, "lower_percent": lower, "paper": printed})
     return out

@@ -10,7 +10,7 @@ import numpy as np
 from smsid._statistics import NORMAL95
 from smsid.identify.estimate import Estimate
 from smsid.identify.estimate_text import asked_for
-from smsid.report.model import Cell, Section, Table, Text
+from smsid.report.model import Cell, Section, Table, Text, cells
 from smsid.report.numbers import half, number, share, unit
 
 INERTIAL = ("kg m", "kg m^2")
@@ -50,38 +50,6 @@ class IdentifiedExperiments:
     notes: Sequence[str] = ()
 
 
-@dataclass(frozen=True)
-class ComparedRow:
-    """A row of Table 2 as an estimate has it, axes averaged: value, half its 95 % interval, first guess."""
-
-    value: float
-    half: float
-    guess: float | None
-    error: float
-    inside: bool
-    status: str
-
-    @classmethod
-    def of(cls, row: PaperRow, estimate: Estimate) -> ComparedRow | None:
-        """Return a row compared, or nothing where the estimate has none of its parameters."""
-        found = [estimate[n] for n in row.names if n in estimate]
-        if not found:
-            return None
-        value = float(np.mean([p.value for p in found]))
-        width = NORMAL95 * float(np.sqrt(np.sum([p.sigma**2 for p in found]))) / len(found)
-        guesses = [p.nominal for p in found if p.nominal is not None]
-        # the truth is printed with so many digits, and no more can be asked of an interval
-        digits = len(f"{row.truth:.8f}".rstrip("0").partition(".")[2])
-        return cls(
-            value,
-            width,
-            float(np.mean(guesses)) if guesses else None,
-            abs(value / row.truth - 1.0),
-            abs(value - row.truth) <= width + 0.5 * 10.0**-digits,
-            " / ".join(sorted({p.status for p in found})).replace("_", " "),
-        )
-
-
 def paper_section(paper: IdentifiedExperiments) -> Section:
     """Return the paper's Tables 2 and 3 beside what is found from a guess that is off by several per cent."""
     text = (
@@ -101,25 +69,25 @@ def paper_section(paper: IdentifiedExperiments) -> Section:
 
 
 def table_2(estimate: Estimate) -> Table:
-    """Return the paper's Table 2 beside an estimate."""
+    """Return the paper's Table 2 beside an estimate, axes averaged."""
     out = []
     for row in TABLE_2:
-        cells = [Cell(row.label), Cell(number(row.truth, 6), row.truth), Cell(unit(row.paper))]
-        cells.append(Cell(f"{row.paper_error} %" if row.paper_error[0].isdigit() else row.paper_error))
-        c = ComparedRow.of(row, estimate)
-        if c is None:
-            out.append((*cells, Cell("–"), Cell("not found"), Cell(""), Cell(""), Cell("")))
+        paper_error = f"{row.paper_error} %" if row.paper_error[0].isdigit() else row.paper_error
+        printed = row.label, (row.truth, 6), unit(row.paper), paper_error
+        found = [estimate[n] for n in row.names if n in estimate]
+        if not found:
+            out.append(cells(*printed, "–", "not found", None, None, None))
             continue
-        out.append(
-            (
-                *cells,
-                Cell("–" if c.guess is None else number(c.guess, 4)),
-                Cell(number(c.value, 6), c.value),
-                Cell(f"± {number(c.half, 2)}", c.half),
-                Cell(share(c.error), c.error),
-                Cell("yes" if c.inside else "no", tone="good" if c.inside else "warn"),
-            )
-        )
+        value = float(np.mean([p.value for p in found]))
+        width = NORMAL95 * float(np.sqrt(np.sum([p.sigma**2 for p in found]))) / len(found)
+        guesses = [p.nominal for p in found if p.nominal is not None]
+        guess = number(float(np.mean(guesses)) if guesses else None, 4)
+        error = abs(value / row.truth - 1.0)
+        # the truth is printed with so many digits, and no more can be asked of an interval
+        digits = len(f"{row.truth:.8f}".rstrip("0").partition(".")[2])
+        inside = _whether(abs(value - row.truth) <= width + 0.5 * 10.0**-digits)
+        around, off = Cell(f"± {number(width, 2)}", width), Cell(share(error), error)
+        out.append(cells(*printed, guess, (value, 6), around, off, inside))
     columns = (
         "parameter", "#truth", "#paper", "#its error", "#guess", "#here", "#95 % interval", "#error",
         "truth inside",
@@ -130,6 +98,10 @@ def table_2(estimate: Estimate) -> Table:
         tuple(out),
         "- and >> are as the paper prints them: it gives no value of b_s.",
     )
+
+
+def _whether(inside: bool) -> Cell:
+    return Cell("yes" if inside else "no", tone="good" if inside else "warn")
 
 
 def _table_3(paper: IdentifiedExperiments) -> Table:
@@ -144,35 +116,18 @@ def _table_3(paper: IdentifiedExperiments) -> Table:
     ]
     ranked = sorted(usable, key=lambda x: abs(x[0].value / x[1] - 1.0))
     few = ranked if len(ranked) <= 6 else [*ranked[:3], *ranked[-3:]]
-    rows: list[tuple[Cell, ...]] = [
-        (
-            Cell("paper's best, pi_m(2)"),
-            Cell("336028.408"),
-            Cell("335988.01"),
-            Cell(""),
-            Cell("0.01 %"),
-            Cell(""),
-        ),
-        (Cell("paper's worst, pi_m(12)"), Cell("−1.06"), Cell("−1.11"), Cell(""), Cell("4.80 %"), Cell("")),
+    rows = [
+        cells("paper's best, pi_m(2)", "336028.408", "335988.01", None, "0.01 %", None),
+        cells("paper's worst, pi_m(12)", "−1.06", "−1.11", None, "4.80 %", None),
     ]
     for p, truth in few:
         low, high = p.interval
         error = abs(p.value / truth - 1.0)
-        inside = low <= truth <= high
-        rows.append(
-            (
-                Cell(p.name),
-                Cell(number(truth, 6), truth),
-                Cell(number(p.value, 6), p.value),
-                Cell(half(p.value, low, high), 0.5 * (high - low)),
-                Cell(share(error), error),
-                Cell("yes" if inside else "no", tone="good" if inside else "warn"),
-            )
-        )
+        around, off = Cell(half(p.value, low, high), 0.5 * (high - low)), Cell(share(error), error)
+        rows.append(cells(p.name, (truth, 6), (p.value, 6), around, off, _whether(low <= truth <= high)))
     columns = ("combination", "#truth", "#estimate", "#95 % interval", "#error", "truth inside")
     note = (
-        f"Of {len(usable)} identifiable combinations of the arm's inertial parameters that are not "
-        "zero; the paper's "
-        "pi_m are sums of its own. Those with the bus hold the panel, too, and are left out here."
+        f"Of {len(usable)} identifiable combinations of the arm's inertial parameters that are not zero; the "
+        "paper's pi_m are sums of its own. Those with the bus hold the panel, too, and are left out here."
     )
     return Table("Table 3: the best and the worst inertial combinations", columns, tuple(rows), note)
