@@ -34,9 +34,13 @@ def completed_runs(
 
     ``how`` goes to `joblib.parallel_config`.
     """
+    options: dict[str, Any] = {
+        "return_as": "generator_unordered",
+        "batch_size": 1,
+        "pre_dispatch": "2*n_jobs",
+    }
     with joblib.parallel_config(n_jobs=workers, **how):
-        parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-        results: Any = parallel(joblib.delayed(task)(run) for run in runs)
+        results: Any = joblib.Parallel(**options)(joblib.delayed(task)(run) for run in runs)
     try:
         for record in results:  # noqa: UP028 - `yield from` would close it before the warning is caught
             yield record

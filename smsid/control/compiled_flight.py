@@ -71,15 +71,11 @@ class CompiledFlight:
         if senses is None:
             return None
         f = controller.filter or StateSpace.zero_system(d.size, 2 * d.size)
-        k = controller.gains
-        law = Law(
-            *inside.arrays,
-            d.arm.v - 6,
-            d.wheels.v - 6,
-            *map(np.ascontiguousarray, (k.proportional, k.derivative, f.a, f.b, f.c, f.d)),
-            controller.reference.sampled(time[:-1]),
-            SMALLEST_COSINE,
-        )
+        k, wanted = controller.gains, controller.reference.sampled(time[:-1])
+        parts = k.proportional, k.derivative, f.a, f.b, f.c, f.d
+        kp, kd, a, b, c, through = map(np.ascontiguousarray, parts)
+        rows = d.arm.v - 6, d.wheels.v - 6
+        law = Law(*inside.arrays, *rows, kp, kd, a, b, c, through, wanted, SMALLEST_COSINE)
         layout = actuators.layout
         craft = Craft(
             model.arm_joints.v - 6,

@@ -99,7 +99,8 @@ class StateSpace:
 
 def stack(systems: list[StateSpace]) -> StateSpace:
     """Return the block-diagonal system."""
-    return StateSpace(*(block_diag(*(getattr(s, k) for s in systems)) for k in "abcd"))
+    a, b, c, d = (np.asarray(block_diag(*(getattr(s, k) for s in systems))) for k in "abcd")
+    return StateSpace(a, b, c, d)
 
 
 def lower_lft(plant: StateSpace, controller: StateSpace) -> StateSpace:

@@ -121,29 +121,24 @@ def design_separation(
     watch: Watch[tuple[Trials, np.ndarray]] = Watch(progress, "separating")
     kinds = families(model, limits or Limits(), DURATION if duration is None else duration)
     firsts = [(kind, kind.random(rng)) for kind in kinds]
-    flights = [(kind, point, *kind.flown(point)) for kind, point in firsts]
     everything: dict[tuple[str, str, str], Candidate] = {}
-    for _, _, _, recording, _ in flights:
+    for kind, point in firsts:
+        _, recording, _ = kind.flown(point)
         for c in candidates_of(known, recording):
             everything.setdefault(c.key, c)
     first, second = resolve_candidates(pair, list(everything.values()))
 
-    def tried(kind: Trials, point: np.ndarray) -> tuple[float, np.ndarray]:
+    def tried(kind: Trials, point: np.ndarray) -> float:
         try:
             _, recording, _ = kind.flown(point)
             cost = discriminate(known, recording, first, second, SLOW).cost
         except SmsidError:
             cost = np.inf
         watch.tried((kind, point), cost, float(np.exp(min(cost, 700.0))))
-        return cost, point
+        return cost
 
     try:
-        origin, best = {}, (np.inf, firsts[0][1], kinds[0])
-        for kind, point in firsts:
-            cost, _ = tried(kind, point)
-            origin[kind] = (cost, point)
-            best = min(best, (cost, point, kind), key=lambda x: x[0])
-        shown = [k for k in kinds if np.isfinite(origin[k][0])]
+        shown = [kind for kind, point in firsts if np.isfinite(tried(kind, point))]
         if not shown:
             raise ExperimentError(
                 f"No experiment tried tells '{label(first)}' from '{label(second)}'.",
@@ -151,16 +146,13 @@ def design_separation(
             )
         for kind in shown:
             for _ in range(max(0, int(effort * DRAWS) - 1)):
-                cost, point = tried(kind, kind.random(rng))
-                best = min(best, (cost, point, kind), key=lambda x: x[0])
-        cost, point, kind = best
+                tried(kind, kind.random(rng))
         width = WIDTH
         for _ in range(int(effort * STEPS)):
-            new, moved = tried(kind, kind.random_step(point, width, rng))
-            if new < cost:
-                cost, point, width = new, moved, width * GROW
-            else:
-                width *= SHRINK
+            assert watch.best is not None
+            (kind, point), cost = watch.best, watch.cost
+            new = tried(kind, kind.random_step(point, width, rng))
+            width *= GROW if new < cost else SHRINK
     except KeyboardInterrupt:
         if watch.best is None:
             raise

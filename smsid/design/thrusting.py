@@ -77,7 +77,7 @@ def design_thrust(
         space = space.restrict_axes(_axes(space, goal, rng))
     feasible = Feasible(space)
 
-    def tell(thrust: np.ndarray, _: float) -> None:
+    def tell(thrust: np.ndarray, _cost: float) -> None:
         whole = np.zeros((space.intervals, 3))
         whole[:, list(space.axes)] = np.round(thrust, DIGITS)
         covariance, _ = space.covariance(whole[:, list(space.axes)])

@@ -63,22 +63,6 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
-class _Row:
-    """The filter at a time [s] of a leg; tangent offsets are from q (nq,), v (nv,) and values (m,)."""
-
-    leg: int
-    time: float
-    wanted: bool
-    pin: pin.Model
-    q: np.ndarray
-    v: np.ndarray
-    values: np.ndarray
-    scales: np.ndarray
-    covariance: np.ndarray
-    shift: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class SmoothedRow:
     """What is known at a time: q (nq,), v (nv,), values (m,), and the covariance (x, x) as a filter's."""
 
@@ -87,6 +71,17 @@ class SmoothedRow:
     values: np.ndarray
     scales: np.ndarray
     covariance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Row(SmoothedRow):
+    """The filter at a time [s] of a leg; tangent offsets are from q (nq,), v (nv,) and values (m,)."""
+
+    leg: int
+    time: float
+    wanted: bool
+    pin: pin.Model
+    shift: np.ndarray
 
 
 class Retraced(Course):
@@ -168,8 +163,8 @@ class Retraced(Course):
         if self._fresh:
             self._fresh = False
             self._beginnings.append(self._began)
-        own = f.q.copy(), f.v.copy(), f.values.copy(), f.scales, f.covariance.copy(), stretch.shift
-        self._rows.append(_Row(self._leg, f.time, wanted, f.at.base.plant.pin, *own))
+        known = f.q.copy(), f.v.copy(), f.values.copy(), f.scales, f.covariance.copy()
+        self._rows.append(_Row(*known, self._leg, f.time, wanted, f.at.base.plant.pin, stretch.shift))
         self._stretches.append(stretch)
         self._stretch = Stretch.of(len(f.covariance), stretch.shift)
 
