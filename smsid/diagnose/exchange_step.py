@@ -5,14 +5,12 @@ one that others, found later, made unnecessary is left out.
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.merge_step import merge_step
 from smsid.diagnose.model_comparison import Cause, aliases_of, cost, is_distinguishable, refit
 from smsid.diagnose.plausibility import impossible_fit
 from smsid.diagnose.score_test import Candidate, Score, score_candidates
@@ -31,27 +29,6 @@ from smsid.estimation.map_estimate import MapFit, fit
 LOGGER = logging.getLogger(__name__)
 
 
-def judge_causes(
-    causes: Sequence[Cause],
-    last: MapFit,
-    nominal: MapFit,
-    candidates: Sequence[Candidate],
-    levels: DetectionThresholds,
-    *,
-    exchange: bool = True,
-    last_too: bool = False,
-    settled: Collection[tuple[str, str, str]] = (),
-) -> tuple[list[Cause], MapFit]:
-    """Return the causes as `merge_step`, with ``exchange``, and `exchange_step` leave them, and the fit."""
-    fewer, columns = list(causes), dict[tuple[str, str, str], np.ndarray]()
-    if exchange:
-        fewer, last, columns = merge_step(causes, last, nominal, candidates, levels, settled)
-    return exchange_step(
-        fewer, last, nominal, candidates, levels,
-        exchange=exchange, last_too=last_too or len(fewer) < len(causes), settled=settled, columns=columns,
-    )  # fmt: skip
-
-
 def exchange_step(
     causes: Sequence[Cause],
     last: MapFit,
@@ -62,7 +39,6 @@ def exchange_step(
     exchange: bool = True,
     last_too: bool = False,
     settled: Collection[tuple[str, str, str]] = (),
-    columns: Mapping[tuple[str, str, str], np.ndarray] = MappingProxyType({}),
 ) -> tuple[list[Cause], MapFit]:
     """Return the causes, a clearly better rival in the place of one that has such, and their aliases anew.
 
@@ -74,10 +50,9 @@ def exchange_step(
     parameters that stood in for the causes moved, and a ten-thousandth of what these took tells rivals
     apart. What was searched for is among them itself: its place and phase may be others beside the rest. The
     last cause was chosen so; with ``last_too``, where the noise has become finer since, or it was chosen
-    beside others, it is judged again as well. Those ``settled``, by key, stay as they are. ``columns`` (N
-    rows, d) are those of the candidates along the motion, where they are known already.
+    beside others, it is judged again as well. Those ``settled``, by key, stay as they are.
     """
-    causes, columns = list(causes), dict(columns)
+    causes, columns = list(causes), {}
     for i, cause in enumerate(causes if last_too else causes[:-1]):
         if cause.score.candidate.key in settled:
             continue

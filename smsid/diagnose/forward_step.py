@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from smsid.diagnose.candidate_scores import CandidateScores
 from smsid.diagnose.cause_count import STRUCTURES, cause_count, has_room
 from smsid.diagnose.change_point import (
     best_onsets,
@@ -18,7 +19,8 @@ from smsid.diagnose.change_point import (
     sync_onset,
     with_onset,
 )
-from smsid.diagnose.exchange_step import eliminate_backward, judge_causes, recompute_evidence
+from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
+from smsid.diagnose.merge_step import merge_step
 from smsid.diagnose.misfit_proof import follows, is_hopeful, with_what_it_lacks
 from smsid.diagnose.model_comparison import (
     Cause,
@@ -28,9 +30,8 @@ from smsid.diagnose.model_comparison import (
     with_further,
 )
 from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse
-from smsid.diagnose.one_recording import in_one_recording
 from smsid.diagnose.open_shape import may_be_open, with_errors_of_shape, with_open_shape
-from smsid.diagnose.score_test import Candidate, Score, is_same_error, score_candidates, signatures
+from smsid.diagnose.score_test import Candidate, Score, is_same_error
 from smsid.diagnose.specification_tests import SpecificationTest, is_at, memory, open_joints
 from smsid.diagnose.step_size_check import refine_steps
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
@@ -39,14 +40,11 @@ from smsid.diagnose.unknown_structure import refit_noise, with_structure_again
 from smsid.diagnose.wald_test import distance
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
-from smsid.estimation.innovations import squared_distance
 from smsid.estimation.map_estimate import MapFit, evaluate
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
 ON_THE_BUS = (*STRUCTURES, "external")  # families that a structure of unknown motion looks like
-REFUSED = 0.05  # chance, uncorrected, above which a signature of a motion near by needs no better one
-APART = 100.0  # times what the motion changed, that has to be left of it: a tenth of its size is off then
 RESTLESS = 5  # times at most that a search goes on from a better fit that a candidate led to
 
 
@@ -93,8 +91,8 @@ class SearchState:
         # keys of causes that were chosen beside one that has given way
         self._recheck: frozenset[tuple[str, str, str]] = frozenset()
         self._out: set[tuple[str, str, str]] = set()  # keys of candidates that were tried in vain
-        self._columns: dict[tuple[str, str, str], np.ndarray] = {}
-        self.scores = self._score_remaining()
+        self._scoring = CandidateScores(levels.onset)
+        self._score_anew()
 
     @property
     def current(self) -> MapFit:
@@ -116,7 +114,7 @@ class SearchState:
         except (SmsidError, np.linalg.LinAlgError) as error:
             LOGGER.info("%s failed: %s", what, error, exc_info=True)
             vars(self).update(before)
-            self._columns.clear()  # they may be those of the fit that is left again
+            self._scoring.columns.clear()  # they may be those of the fit that is left again
             self.failed.append(f"{what} failed numerically and was left out: {error}")
             return False
 
@@ -205,10 +203,13 @@ class SearchState:
         while told and (larger := with_further(self.current, self.causes)) is not None:
             self.take(larger)
         before = [c.score.candidate.key for c in self.causes]
-        self.causes, found = judge_causes(
-            self.causes, self.current, self.nominal, self.candidates, self.levels,
-            exchange=told, last_too=self._finer, settled=self._settled,
-        )  # fmt: skip
+        asked, settled, found = (self.nominal, self.candidates, self.levels), self._settled, self.current
+        if told:
+            self.causes, found = merge_step(self.causes, found, *asked, settled)
+        anew = self._finer or len(self.causes) < len(before)
+        self.causes, found = exchange_step(
+            self.causes, found, *asked, exchange=told, last_too=anew, settled=settled
+        )
         now = frozenset(c.score.candidate.key for c in self.causes)
         gone = next((i for i, key in enumerate(before) if key not in now), len(before))
         self._recheck = now & self._recheck.union(before[gone:])
@@ -220,6 +221,7 @@ class SearchState:
             self.causes, self.current, self.nominal, self._asked, len(self.candidates), self._proven,
             self._recheck,
         )  # fmt: skip
+        self._recheck = frozenset()  # they are missed
         return self.take(found)
 
     def restore(self, problem: Problem) -> bool:
@@ -442,49 +444,28 @@ class SearchState:
         """Let go of the columns of all candidates, which take the most memory: what is scored later has them
         made anew.
         """
-        self._columns.clear()
+        self._scoring.columns.clear()
         self.scores = [s.without_columns() for s in self.scores]
 
     def _score_anew(self) -> None:
-        self._columns.clear()
-        self.scores = self._score_remaining()
+        self._scoring.columns.clear()
+        self.scores = self._ordered(self._scoring.score(self.current, self._left()))
 
     def _score_again(self, before: FilterRun) -> None:
-        """Score along another motion than one ``before``, with signatures of that where they do.
+        self.scores = self._ordered(self._scoring.score_again(self.current, self._left(), before))
 
-        They do where they explain nothing and are so far apart from what is fitted that what the motion
-        changes is small beside what is left of them: of a payload beside its link's mass it is not.
-        """
-        if not self._columns:
-            return self._score_anew()
-        least = APART * squared_distance(before, self.current.run)
-        known = self._score_remaining(coarsely=True) if least < 1.0 else ()  # nothing is excited by more
-        refused = [s for s in known if s.p_value > REFUSED and s.excited > least]
-        keys = {s.candidate.key for s in refused}
-        self._columns = {key: own for key, own in self._columns.items() if key in keys}
-        self.scores = self._score_remaining(refused)
+    def _ordered(self, scores: Sequence[Score]) -> list[Score]:
+        return sorted(scores, key=self._worth, reverse=True)
 
-    def _score_remaining(self, refused: Sequence[Score] = (), *, coarsely: bool = False) -> list[Score]:
-        """Score the candidates left, the best first; signatures already known are used again.
-
-        Those ``refused`` keep their scores. ``coarsely``: nothing is looked for more finely where there is
-        something.
-        """
+    def _left(self) -> list[Candidate]:
+        """Return the candidates that may be a further cause, or rivals of one."""
         out = self._out | {c.score.candidate.key for c in self.causes}
-        out |= {s.candidate.key for s in refused}
         open_ = open_joints(self.current)  # what else is there, is not told from a law of unknown shape
-        rest = [c for c in self.candidates if c.key not in out and c.location not in open_]
-        if self.fitted.unknown:
-            elsewhere = (c for c in rest if not is_at(c.location, self.fitted.unknown))
-            rest = [c for c in elsewhere if c.family not in ON_THE_BUS]
-        missing = [c for c in rest if c.key not in self._columns]
-        if missing:
-            known = signatures(self.current, missing)
-            self._columns.update({missing[i].key: columns for i, columns in known.items()})
-        seen = [c for c in rest if c.key in self._columns]
-        scores = score_candidates(self.current, seen, [self._columns[c.key] for c in seen], coarsely=coarsely)
-        scores = in_one_recording(self.current, scores, self._columns, self.levels.onset)
-        return sorted((*scores, *refused), key=self._worth, reverse=True)
+        left = [c for c in self.candidates if c.key not in out and c.location not in open_]
+        if not self.fitted.unknown:
+            return left
+        elsewhere = (c for c in left if not is_at(c.location, self.fitted.unknown))
+        return [c for c in elsewhere if c.family not in ON_THE_BUS]
 
 
 def _distances_of_causes(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:

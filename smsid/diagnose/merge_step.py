@@ -28,10 +28,9 @@ def merge_step(
     candidates: Sequence[Candidate],
     levels: DetectionThresholds,
     settled: Collection[tuple[str, str, str]] = (),
-) -> tuple[list[Cause], MapFit, dict[tuple[str, str, str], np.ndarray]]:
+) -> tuple[list[Cause], MapFit]:
     """Return the causes, with one in the place of two that explains what both do (by Bayes's criterion,
-    refitted) and beside which nothing of them is left, the fit, and the whitened columns of candidates along
-    its motion, as far as they were asked.
+    refitted) and beside which nothing of them is left, and the fit.
 
     The first of two that a third cause joins may be its alias: motors of two joints, of gains alike, are that
     of the third joint, of the other sign, where all inertias may scale.
@@ -69,8 +68,8 @@ def merge_step(
         ):
             continue
         one = Cause(replace(best, ratio=explained + gained).with_own_columns(), (), explained + gained)
-        return [one, *others], found, {}
-    return list(causes), last, columns
+        return [one, *others], found
+    return list(causes), last
 
 
 def _is_left(found: MapFit, causes: Sequence[Cause], levels: DetectionThresholds, tried: int) -> bool:

@@ -252,6 +252,6 @@ def _causes(
         near = [s for s in scores if s.candidate.key in others and s.candidate not in named]
         score = as_fitted(own[c.key], found)
         aliases = tuple((s, correlation(own[c.key], s)) for s in near)
-        same = Cause.of(own[c.key], aliases, score.ratio).equivalent
-        out.append(Cause(score, aliases, score.ratio, same).with_own_columns())
+        told = Cause.of(own[c.key], aliases, score.ratio)
+        out.append(replace(told, score=score).with_own_columns())
     return tuple(out)

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from smsid.effects.force_laws import ForceLaw
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.sensitivities import Sensitivity, propagate
+from smsid.kernel.arrays import Force
 from smsid.model.spacecraft import SpacecraftModel
 
 OCTAVE = 2.0  # factor within which the errors at two rates of one sign are taken as alike
@@ -29,7 +29,7 @@ def shape_errors(model: SpacecraftModel, run: FilterRun, dof: int) -> np.ndarray
     rates = [s.v[:, dof] for s in both]
     sizes = [np.ones_like(v) for v in rates]
     regions = [_octaves(rates)]
-    if any(dof in t.rows and t.by_load() for t in model.loads if isinstance(t, ForceLaw)):
+    if any(dof in t.rows and t.by_load() for t in model.loads if isinstance(t, Force)):
         loads = [np.abs(s.tau[:, dof]) for s in both]
         usual = float(np.sqrt(np.mean(loads[1] ** 2))) or 1.0
         sizes = [x / usual for x in loads]

@@ -12,6 +12,8 @@ from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
 from smsid.paths import urdf_folder
 
+from .search_stubs import world  # noqa: F401 (a fixture)
+
 
 @pytest.fixture(scope="package")
 def description():

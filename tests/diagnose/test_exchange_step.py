@@ -78,17 +78,17 @@ def test_one_cause_takes_the_place_of_two_whose_work_it_does(pair, monkeypatch):
     nominal, candidates = pair
     causes, current = with_causes(nominal, candidates, [(*FRICTION, "viscous"), GAIN])
     args = nominal, candidates, DetectionThresholds()
-    found, last, _ = merge_step(causes, current, *args)
+    found, last = merge_step(causes, current, *args)
     assert [c.score.candidate.key for c in found] == [(*FRICTION, "coulomb")]
     assert {u.name for u in last.unknowns} - {u.name for u in nominal.unknowns} == {
         "joint_friction_joint2.coulomb"
     }
     assert last.objective < current.objective
-    kept, same, columns = merge_step(causes, current, *args, settled=[GAIN])
-    assert kept == causes and same is current and not columns
+    kept, same = merge_step(causes, current, *args, settled=[GAIN])
+    assert kept == causes and same is current
     right, last = with_causes(nominal, candidates, [(*FRICTION, "coulomb"), GAIN])
-    kept, same, columns = merge_step(right, last, *args)
-    assert kept == right and same is last and (*FRICTION, "viscous") in columns
+    kept, same = merge_step(right, last, *args)
+    assert kept == right and same is last
     monkeypatch.setattr("smsid.diagnose.merge_step._is_left", lambda *_: True)
     assert merge_step(causes, current, *args)[0] == causes
 

@@ -13,106 +13,9 @@ from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError
+from smsid.estimation.innovations import squared_distance
 
-from .search_stubs import Whole, candidate, score_of
-
-FOUND, OTHER, VAIN = (("effect", place, "shape") for place in ("found", "other", "vain"))
-
-
-class Stub(SimpleNamespace):
-    """A score of a candidate in a fit."""
-
-    def odds(self, samples):
-        return self.ratio
-
-    information_gain = odds
-
-
-@pytest.fixture
-def world(monkeypatch):
-    """A state whose fit counts misfit until a cause is taken in, and what was asked for meanwhile.
-
-    Signatures carry the name of the fit that they were taken at; the candidate ``vain`` is no cause.
-    """
-    asked = SimpleNamespace(scored=[], recompute_evidence=[], stepped=[], finer=True, accepted=[])
-
-    def at(name, objective=0.0):
-        changes = SimpleNamespace(by_candidate={})
-        point = SimpleNamespace(description=SimpleNamespace(effect=()))
-        run = SimpleNamespace(samples=100)
-        told = {"problem": None, "run": run, "changes": changes, "point": point}
-        return SimpleNamespace(name=name, objective=objective, **told)
-
-    monkeypatch.setattr(rounds, "fit_from_nominal", lambda found, causes: found)  # all are at rest
-    monkeypatch.setattr(rounds, "open_joints", lambda found: {})
-
-    def signatures(fit, candidates):
-        return {i: fit.name for i in range(len(candidates))}
-
-    def scored(fit, candidates, columns, *, coarsely=False):
-        asked.scored.append(
-            (fit.name, {c.key: column for c, column in zip(candidates, columns, strict=True)})
-        )
-        order = {VAIN: 3.0, FOUND: 2.0, OTHER: 1.0}
-        return [
-            Stub(
-                candidate=c,
-                ratio=20.0 * order[c.key],
-                freedom=1,
-                p_value=asked.chances.get(c.key, 1e-12),
-                excited=asked.excited,
-                another=None,
-                columns=asked.takes.get(c.key, order[c.key]),
-                estimate=None,
-            )
-            for c in candidates
-        ]
-
-    def accept(current, best, rivals, levels, tried, has_room, **worth):
-        key = best.candidate.key
-        asked.accepted.append(key)
-        asked.has_room = has_room
-        if key == VAIN:
-            return None, asked.instead or current
-        return Cause(best, (), 30.0), at(f"with {key[1]}")
-
-    def recompute_evidence(causes, last, nominal):
-        asked.recompute_evidence.append(last.name)
-        return [replace(c, ratio=1e6) for c in causes]
-
-    def refitted(fitted, *, strong=False, told=None):
-        return replace(fitted, misfit=fitted.misfit and not asked.finer)
-
-    def finely(fit):
-        asked.stepped.append(fit.name)
-        return fit
-
-    asked.same = lambda one, other: False
-    asked.instead, asked.takes, asked.chances, asked.excited, asked.moved = None, {}, {}, 0.5, 1.0
-    monkeypatch.setattr(InflatedFit, "explained", lambda fitted, columns, estimate: columns)
-    for name, stub in {
-        "signatures": signatures,
-        "score_candidates": scored,
-        "accept": accept,
-        "recompute_evidence": recompute_evidence,
-        "refit_noise": refitted,
-        "refine_steps": finely,
-        "normalised_rmse": lambda *_: 1.0,
-        "memory": lambda *_: (),
-        "best_onsets": lambda *_: [],
-        "refine_onset": lambda fit, score: (score, fit),
-        "scan_onsets": lambda *_: {},
-        "with_onset": lambda fit, score, alias, onsets: score,
-        "in_one_recording": lambda fit, scores, *_: scores,
-        "drop_onset": lambda causes, fit, levels: (list(causes), fit),
-        "with_further": lambda *_: None,
-        "is_same_error": lambda one, other: asked.same(one.candidate, other.candidate),
-        "squared_distance": lambda *_: asked.moved,
-    }.items():
-        monkeypatch.setattr(rounds, name, stub)
-    fitted = InflatedFit(at("nominal"), np.ones(1), misfit=True)
-    asked.at = at
-    return SearchState(fitted, [candidate(k) for k in (FOUND, OTHER, VAIN)], DetectionThresholds()), asked
+from .search_stubs import FOUND, OTHER, VAIN, Whole, candidate, score_of
 
 
 def test_where_misfit_is_counted_what_takes_most_of_the_errors_away_comes_first(world):
@@ -255,7 +158,7 @@ def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world,
         kept.append(set(proven))
         return list(causes), last
 
-    monkeypatch.setattr(rounds, "judge_causes", judged)
+    monkeypatch.setattr(rounds, "exchange_step", judged)
     monkeypatch.setattr(rounds, "eliminate_backward", left_out)
     state._finer = True
     state.close()
@@ -271,84 +174,6 @@ def test_beside_an_unknown_structure_causes_elsewhere_are_sought_and_stay(world,
     assert kept[2:] == [set(), set()]
 
 
-@pytest.mark.parametrize(
-    ("misfit", "unknown", "told"), [(False, "", True), (True, "", False), (False, "panel", False)]
-)
-def test_rivals_take_a_place_only_where_all_they_do_is_seen(world, monkeypatch, misfit, unknown, told):
-    """A motor's gain is no better than its tachometer's scale because what it gives the bus is hidden."""
-    state, _ = world
-    state.forward_step(), state.forward_step()
-    calls = []
-
-    def judge_causes(causes, last, *_, exchange, **__):
-        calls.append(exchange)
-        return causes, last
-
-    monkeypatch.setattr(rounds, "judge_causes", judge_causes)
-    state._finer, state.fitted = True, replace(state.fitted, misfit=misfit, unknown=unknown)
-    state.close()
-    assert calls == [told]
-    assert not state._recheck, "none has given way"
-
-
-def test_what_was_chosen_beside_a_cause_that_gives_way_is_rechecked(world, monkeypatch):
-    state, _ = world
-    state.forward_step(), state.forward_step()
-    early, gone, late, rival = (
-        Cause(
-            SimpleNamespace(candidate=SimpleNamespace(key=k, location=k[1], start=None, effect=None)),
-            (),
-            50.0,
-        )
-        for k in ((f"kind{i}", "somewhere", "shape") for i in range(4))
-    )
-    state.causes, state._finer = [early, gone, late], True
-    monkeypatch.setattr(SearchState, "_there_always", lambda self: None)
-    monkeypatch.setattr(rounds, "with_further", lambda *_: None)
-    for found, recheck in (
-        ([early, gone, late], set()),
-        ([early, rival, late], {late.score.candidate.key}),
-        ([early, rival, late], {late.score.candidate.key}),  # also when all are judged once more
-    ):
-        monkeypatch.setattr(rounds, "judge_causes", lambda causes, last, *_, to=found, **__: (to, last))
-        state.close()
-        assert state._recheck == recheck
-
-
-@pytest.mark.parametrize(("finer", "judged"), [(True, [True]), (False, [])])
-def test_the_only_cause_is_judged_again_where_the_noise_is_finer(world, monkeypatch, finer, judged):
-    state, asked = world
-    asked.finer = finer
-    calls = []
-
-    def judge_causes(causes, last, nominal, candidates, levels, *, exchange, last_too, settled):
-        calls.append(last_too and exchange)
-        return list(causes), last
-
-    monkeypatch.setattr(rounds, "judge_causes", judge_causes)
-    state.close()
-    assert calls == []  # no cause yet
-    state.forward_step()
-    state.forward_step()
-    state.close()
-    assert calls == judged
-
-
-def test_after_an_exchange_scores_are_those_of_the_causes_that_are_left(world, monkeypatch):
-    state, asked = world
-    state.forward_step()
-    state.forward_step()
-
-    def judge_causes(causes, *_, **__):
-        (other,) = (s for s in state.scores if s.candidate.key == OTHER)
-        return [replace(causes[0], score=other)], asked.at("exchanged")
-
-    monkeypatch.setattr(rounds, "judge_causes", judge_causes)
-    state.close()
-    assert {s.candidate.key for s in state.scores} == {FOUND, VAIN}
-    assert asked.scored[-1][0] == "exchanged"
-
-
 def test_a_step_that_fails_is_undone_and_its_signatures_are_not_used_again(world):
     """They are those of the fit that the step went to."""
     state, _ = world
@@ -359,9 +184,9 @@ def test_a_step_that_fails_is_undone_and_its_signatures_are_not_used_again(world
         state.fitted = state.scores = None
         raise SmsidError("The step is lost.")
 
-    assert state._columns and not state.guarded("a step", step)
+    assert state._scoring.columns and not state.guarded("a step", step)
     assert state.fitted is fitted and state.scores is scores and state.causes == []
-    assert not state._columns
+    assert not state._scoring.columns
     assert state.failed == ["a step failed numerically and was left out: The step is lost."]
 
 
@@ -393,8 +218,8 @@ def test_how_far_two_motions_are_apart():
     run, moved, larger = (
         SimpleNamespace(states=SimpleNamespace(a=a)) for a in (one, one * [1.1, 1.01, 1.0], np.zeros((2, 4)))
     )
-    assert rounds.squared_distance(run, moved) == pytest.approx(0.01)
-    assert rounds.squared_distance(run, run) == 0.0 and rounds.squared_distance(run, larger) == 1.0
+    assert squared_distance(run, moved) == pytest.approx(0.01)
+    assert squared_distance(run, run) == 0.0 and squared_distance(run, larger) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -411,28 +236,6 @@ def test_a_law_errs_where_tests_say_that_it_is_not_all(world, monkeypatch, locat
     left = [SimpleNamespace(location=location)]
     assert state.let_law_err(left) is errs
     assert (state.current is erring) is errs and (state.causes == [plainer]) is errs
-
-
-def test_a_cause_is_all_it_can_be_before_a_rival_is_told_from_it(world, monkeypatch):
-    """Coulomb friction whose sign turns within 4 mrad/s was a Stribeck curve: its width was not asked."""
-    state, asked = world
-    state.causes = [Cause(score_of(candidate(key)), (), 30.0) for key in (FOUND, OTHER)]
-    state.fitted, state._finer = replace(state.fitted, misfit=False), True
-    steps = []
-
-    def further(current, causes):
-        steps.append(("further", current.name))
-        return asked.at("with its width") if current.name != "with its width" else None
-
-    def exchange(causes, current, *_, **__):
-        steps.append(("exchange", current.name))
-        return list(causes), current
-
-    monkeypatch.setattr(rounds, "with_further", further)
-    monkeypatch.setattr(rounds, "judge_causes", exchange)
-    state.close()
-    assert steps[-1] == ("exchange", "with its width") and steps[-2][0] == "further"
-    assert state.current.name == "with its width"
 
 
 def test_several_causes_of_one_structure_hide_none_elsewhere(world):
