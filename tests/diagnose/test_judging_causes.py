@@ -25,10 +25,16 @@ def test_rivals_take_a_place_only_where_all_they_do_is_seen(world, monkeypatch, 
         calls.append(exchange)
         return causes, last
 
+    def merge_step(causes, last, *_):
+        merged.append(last)
+        return causes, last
+
+    merged = []
     monkeypatch.setattr(rounds, "exchange_step", exchange_step)
+    monkeypatch.setattr(rounds, "merge_step", merge_step)
     state._finer, state.fitted = True, replace(state.fitted, misfit=misfit, unknown=unknown)
     state.close()
-    assert calls == [told]
+    assert calls == [told] and bool(merged) is told
     assert not state._recheck, "none has given way"
 
 
@@ -54,6 +60,15 @@ def test_what_was_chosen_beside_a_cause_that_gives_way_is_rechecked(world, monke
         monkeypatch.setattr(rounds, "exchange_step", lambda causes, last, *_, to=found, **__: (to, last))
         state.close()
         assert state._recheck == recheck
+    asked = []
+
+    def eliminate_backward(causes, last, *more):
+        asked.append(set(more[-1]))
+        return causes, last
+
+    monkeypatch.setattr(rounds, "eliminate_backward", eliminate_backward)
+    assert not state.prune() and not state.prune()
+    assert asked == [{late.score.candidate.key}, set()], "it is missed, once that is known"
 
 
 @pytest.mark.parametrize(("finer", "judged"), [(True, [True]), (False, [])])
