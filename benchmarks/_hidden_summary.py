@@ -95,6 +95,11 @@ def summary(
             "median_absolute_deviation_over_gaussian": (
                 round(float(np.median(np.abs(deviations)) / 0.6745), 3) if len(deviations) else None
             ),
+            "beyond_3_sigma": [
+                {"seed": r["seed"], "hidden": _hidden(r), "deviation": round(r["deviation"], 1)}
+                for r in rows
+                if r["deviation"] is not None and abs(r["deviation"]) > 3.0
+            ],
         },
         "gain": {
             "runs": len(gains),
@@ -123,12 +128,16 @@ def summary(
         "confusion": confusion(rows),
         "not_right": [
             {k: r[k] for k in ("seed", "world", "category", "outcome", "named", "notes")}
-            | {"hidden": [f"{h['effect']} x{h['strength']:.3g}" for h in r["hidden"]]}
+            | {"hidden": _hidden(r)}
             for r in rows
             if r["outcome"] not in ("right", "right_by_alias")
             and not (r["category"] == "outside" and r["outcome"] in ("unexplained", "right_family"))
         ],
     }  # fmt: skip
+
+
+def _hidden(row: Row) -> list[str]:
+    return [f"{h['effect']} x{h['strength']:.3g}" for h in row["hidden"]]
 
 
 def _recognised(band: Sequence[Row], label: str, ceiling: Mapping[str, Mapping[str, Any]]) -> float | None:
@@ -268,6 +277,9 @@ def markdown(result: Mapping[str, Any]) -> str:
         hidden = ", ".join(r["hidden"]) or "nothing"
         note = f" ({'; '.join(r['notes'])})" if r["notes"] else ""
         lines.append(f"- {r['seed']} {r['world']}: {hidden}: {r['outcome']}, named {r['named']}{note}")
+    beyond = result["parameters"].get("beyond_3_sigma", ())
+    lines += ["", "## Parameters beyond 3 sigma", ""] if beyond else []
+    lines += [f"- {r['seed']}: {', '.join(r['hidden'])}: {r['deviation']:g}" for r in beyond]
     return "\n".join(lines) + "\n"
 
 
