@@ -3,8 +3,8 @@
     python benchmarks/hidden_studies.py
 
 The study in ``results/hidden_effects.json`` joins those in ``results/hidden_studies.json``, by the commit of
-its sources; the table ``hidden_studies.md`` is written from that file alone. Run it before the next study takes
-the place of the last one.
+its sources; the table ``hidden_studies.md`` is written from that file alone. Run it before the next study
+takes the place of the last one.
 """
 
 from __future__ import annotations
