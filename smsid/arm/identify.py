@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -24,14 +23,13 @@ from smsid.arm.setup import with_held_joints
 from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
 from smsid.arm.solve import IN_STEP, AngleDelay, delay_note, settled_load, solve_equations, torque_means
 from smsid.description import Description
-from smsid.effects import Effect
-from smsid.effects.assembly import Assembly
 from smsid.effects.external import tilt_of, tilted_gravity
 from smsid.errors import DescriptionError
 from smsid.identify.estimate import HELD, SHAPE, Estimate, ParameterEstimate, classify
-from smsid.model import SpacecraftModel, build_model
+from smsid.model import SpacecraftModel
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
+from smsid.model.rigid_bodies import rigid_model
 from smsid.recording import Recording
 from smsid.recording.checks import check_roles, consistency_notes
 
@@ -215,27 +213,15 @@ def recorded_motion(
 
 
 def rigid_arm(description: Description, hold: Mapping[str, float] | None = None) -> SpacecraftModel:
-    """Return the model of the links alone, which still knows the description's effects.
+    """Return the model of the links alone, and what they carry, which still knows the description's effects.
 
     Raises:
         DescriptionError: as `build_model`.
     """
-    model = build_model(description.model_copy(update={"effect": (_Scaffold(name="scaffold"),)}))
-    model.pin.armature[:] = 0.0
+    model = rigid_model(description)
     if tilt := tilt_of(description.effect):
         model.pin.gravity.linear = tilted_gravity(model.pin.gravity.linear, tilt.x, tilt.y)
-    return with_held_joints(replace(model, description=description), hold or {})
-
-
-class _Scaffold(Effect):
-    """Lets a model be built whose links alone leave a joint without inertia: torques need no forward
-    dynamics.
-    """
-
-    kind: Literal["scaffold"] = "scaffold"
-
-    def attach(self, assembly: Assembly) -> None:
-        assembly.model.armature[:] = 1.0
+    return with_held_joints(model, hold or {})
 
 
 def torque_rows(

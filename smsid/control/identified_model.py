@@ -24,7 +24,6 @@ from smsid.estimation.bodies import (
     inertial_equations,
     left_note,
     linear_terms,
-    urdf_bodies,
     with_estimate,
 )
 from smsid.identify.estimate import BY_PRODUCT_GROUPS, Estimate
@@ -32,6 +31,7 @@ from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.pseudo_inertia import SIZE
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
+from smsid.model.rigid_bodies import urdf_bodies
 from smsid.model.spacecraft import SpacecraftModel
 
 logger = logging.getLogger(__name__)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
-from collections.abc import Set as AbstractSet
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.description.schema import Description
+from smsid.diagnose.priors import DEFAULT_EFFECT
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.stepwise import Search
 from smsid.effects import BodyError
 from smsid.effects.base import Effect
 from smsid.errors import DescriptionError, SmsidError
-from smsid.estimation.bodies import urdf_bodies
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.parameter_vector import Point
 from smsid.likelihood.consistent import consistent_inertias
@@ -23,8 +22,13 @@ from smsid.likelihood.parameters import body_size
 from smsid.likelihood.pseudo_inertia import SIZE
 from smsid.model import rebuild
 from smsid.model.regressor import body_names, dynamic_parameters
+from smsid.model.rigid_bodies import described_bodies
 
 LOGGER = logging.getLogger(__name__)
+
+WIDE = 5.0
+"""Standard deviations of a fit that a prior of what it found is wide: the same recording, which it came from,
+counts for 1.04 of itself when it is identified again."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +44,15 @@ def extended_point(found: Search, hints: Sequence[Candidate] = ()) -> Point:
     ``hints``, which are no causes.
 
     Of an effect that is added the parameters that were not fitted are marked `known`: who identifies what is
-    written, estimates what was found.
+    written, estimates what was found. Fitted ones that are known worse than a description's values are taken
+    for have a wide prior, see `WIDE`.
     """
     point = as_now(found.last)
     described = {e.name for e in found.nominal.point.description.effect}
     out = {c.effect.name for c in hints if c.effect is not None} - described
-    fitted = {u.name for u in found.last.unknowns}
+    deviations = np.sqrt(np.diag(found.last.covariance()))
+    told = zip(found.last.unknowns, deviations, found.last.told, strict=True)
+    fitted = {u.name: float(sigma) if known else np.inf for u, sigma, known in told}
     kept = tuple(
         e if e.name in described else _with_fitted_unknown(e, fitted)
         for e in point.description.effect
@@ -54,11 +61,17 @@ def extended_point(found: Search, hints: Sequence[Candidate] = ()) -> Point:
     return replace(point, description=point.description.model_copy(update={"effect": kept}))
 
 
-def _with_fitted_unknown(effect: Effect, fitted: AbstractSet[str]) -> Effect:
-    """Return an effect whose other parameters are known; itself where nothing of it was fitted."""
-    names = [p.name for p in effect.parameters()]
-    rest = tuple(n.removeprefix(f"{effect.name}.") for n in names if n not in fitted)
-    return effect if len(rest) == len(names) else effect.model_copy(update={"known": rest})
+def _with_fitted_unknown(effect: Effect, fitted: Mapping[str, float]) -> Effect:
+    """Return an effect with priors of what was ``fitted``, standard deviations by name, whose other
+    parameters are known; itself where nothing of it was.
+    """
+    listed = {p.name.removeprefix(f"{effect.name}."): p for p in effect.parameters()}
+    rest = tuple(field for field, p in listed.items() if p.name not in fitted)
+    if len(rest) == len(listed):
+        return effect
+    wide = {field: WIDE * fitted[p.name] for field, p in listed.items() if p.name in fitted}
+    unsure = {f: x for f, x in wide.items() if DEFAULT_EFFECT * abs(listed[f].value) < x < np.inf}
+    return effect.model_copy(update={"known": rest, "prior": {**effect.prior, **unsure}})
 
 
 def with_inertial_shifts(point: Point, last: MapFit) -> tuple[Description, tuple[str, ...]]:
@@ -112,7 +125,7 @@ def _that_can_exist(found: MapFit) -> dict[int, float]:
     bodies = sorted({found.unknowns[i].column // SIZE for i in index})
     columns = [SIZE * b + k for b in bodies for k in range(SIZE)]
     by_column = {found.unknowns[i].column: i for i in index}
-    own = urdf_bodies(point.base.description)
+    own = described_bodies(point.description)
     described = np.array([own[point.base.pin.names[b + 1]] for b in bodies])
     shifts = np.array([point.inertial.get(c, 0.0) for c in columns]).reshape(-1, SIZE)
     sizes = np.array([body_size(dynamic_parameters(point.base.pin.inertias[b + 1])) for b in bodies])
@@ -124,16 +137,32 @@ def _that_can_exist(found: MapFit) -> dict[int, float]:
     return dict(zip(columns, (near - described).ravel().tolist(), strict=True))
 
 
-def body_errors(shifts: Mapping[str, np.ndarray]) -> list[Effect]:
-    """Return shifts of bodies' inertial parameters (10,) by body or joint as effects; none for no shift."""
-    return [
-        BodyError(
-            name=f"body_error_{body}".replace("/", "_"), body=body, mass=float(x[0]),
-            first_moment=tuple(x[1:4].tolist()), inertia=tuple(x[4:].tolist()), known=("all",),
-        )
-        for body, x in shifts.items()
-        if np.any(x)
-    ]  # fmt: skip
+def with_body_errors(description: Description, shifts: Mapping[str, np.ndarray]) -> Description:
+    """Return a description whose bodies have other inertial parameters.
+
+    Args:
+        description: it may have ``body_error`` effects already: a shift is added to the one of its name.
+        shifts: by body or joint, what is added to its parameters (10,) as described.
+    """
+    there = {e.name: e for e in description.effect}
+    effects = []
+    for body, shift in shifts.items():
+        if not np.any(shift):
+            continue
+        name = f"body_error_{body}".replace("/", "_")
+        own = there.get(name)
+        if not (isinstance(own, BodyError) and own.body == body):
+            own = BodyError(name=free_name(name, there), body=body, known=("all",))
+        total = np.array([own.mass, *own.first_moment, *own.inertia]) + shift
+        parts = {"mass": float(total[0]), "first_moment": total[1:4].tolist(), "inertia": total[4:].tolist()}
+        effects.append(type(own).model_validate({**dict(own), **parts}))
+    return description.with_effects(*effects)
+
+
+def free_name(name: str, taken: Container[str]) -> str:
+    """Return a name, numbered where it is taken."""
+    numbered = (name, *(f"{name}_{k}" for k in range(2, 1000)))
+    return next(n for n in numbered if n not in taken)
 
 
 def _shifted_description(point: Point, inertial: Mapping[int, float]) -> Description:
@@ -142,6 +171,6 @@ def _shifted_description(point: Point, inertial: Mapping[int, float]) -> Descrip
     bodies = {c // SIZE: np.zeros(SIZE) for c in inertial}
     for column, shift in inertial.items():
         bodies[column // SIZE][column % SIZE] = shift
-    extended = point.description.with_effects(*body_errors({names[b]: x for b, x in bodies.items()}))
+    extended = with_body_errors(point.description, {names[b]: x for b, x in bodies.items()})
     rebuild(point.base, extended)
     return extended

@@ -13,6 +13,7 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, OscillatorHypothesis
+from smsid.diagnose.described_effects import from_described
 from smsid.diagnose.gravity_gradient_hypothesis import GravityGradientHypothesis
 from smsid.diagnose.profiled_hypothesis import Imbalance, LeakHypothesis
 from smsid.diagnose.score_test import Candidate, recast
@@ -60,7 +61,7 @@ def propose(point: Point, problem: Problem, nominal: Sequence[Unknown]) -> list[
         *_sensors(point, problem),
         *_users(point),
     ):
-        found.setdefault(candidate.key, candidate)
+        found.setdefault(candidate.key, from_described(candidate, point))
     return list(found.values())
 
 

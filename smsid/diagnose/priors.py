@@ -15,7 +15,6 @@ from smsid.estimation.bodies import (
     ROUNDING,
     identified_bodies,
     linear_terms,
-    urdf_bodies,
     with_estimate,
 )
 from smsid.estimation.parameter_vector import JointPrior, Point, Unknown
@@ -24,6 +23,7 @@ from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.likelihood.parameters import body_size
 from smsid.model.regressor import INERTIAL_NAMES, INERTIAL_UNITS, body_names, dynamic_parameters
+from smsid.model.rigid_bodies import urdf_bodies
 
 DEFAULT_INERTIAL = 0.01
 DEFAULT_EFFECT = 0.10
@@ -126,6 +126,12 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
             if scale == 0.0:
                 continue
             add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
+    for effect in point.description.effect:  # what is known of other effects to a standard deviation only
+        for p in effect.unknowns() if not effect.nominal and effect.polar_pair() is None else ():
+            stated = known[p.name].sigma if p.name in known else np.nan
+            if p.sigma is not None or 0.0 < stated < np.inf:
+                scale = abs(p.value) or p.sigma or float(stated)
+                add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
     if estimate is not None and known and not (sources["estimate"] or combinations):
         raise SmsidError(
             "The estimate has no parameter of this description.",

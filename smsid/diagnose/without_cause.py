@@ -26,13 +26,11 @@ def without_cause(found: MapFit, candidate: Candidate, nominal: MapFit) -> MapFi
     """
     own = candidate.parameters
     point, run, effect = found.point, found.run, candidate.effect
-    if effect is None:
-        bound = {u.name: u for u in nominal.unknowns}
-        unknowns, whitened = tuple(bound.get(u.name, u) for u in found.unknowns), found.whitened
-        unknowns = tuple(b if b.name in own else u for b, u in zip(unknowns, found.unknowns, strict=True))
-    else:
-        kept = [i for i, u in enumerate(found.unknowns) if u.name not in own]
-        unknowns, whitened = tuple(found.unknowns[i] for i in kept), found.whitened[:, :, kept]
+    bound = {u.name: u for u in nominal.unknowns if u.name in own}
+    kept = [i for i, u in enumerate(found.unknowns) if u.name not in own or u.name in bound]
+    unknowns = tuple(bound.get(u.name, u) for u in (found.unknowns[i] for i in kept))
+    whitened = found.whitened[:, :, kept]
+    if effect is not None:
         mine, stated = candidate.instance(point), {p.name: p.value for p in effect.parameters()}
         plain = mine.with_values({n: stated[n] for n in candidate.free})
         try:

@@ -90,6 +90,7 @@ class Effect(StrictTable):
     strong: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     # whether it changes what is measured of an arm, or commanded, and no torque of its joints
     on_readings: ClassVar[bool] = False
+    adds_to_body: ClassVar[bool] = False  # whether all it does is to add inertial parameters to a body
     shifts_time: ClassVar[bool] = False  # whether all it does is that something comes early or late
     kind: str
     name: Name = Field(description="letters, digits, `_` and `-`; unique among the effects")
@@ -313,12 +314,13 @@ class Effect(StrictTable):
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
         """Return what motors must give for it, where that is linear in its parameters: an arm is identified
-        from measured torques with these. None for an effect ``on_readings``.
+        from measured torques with these. None for an effect ``on_readings``, nor for one that
+        ``adds_to_body``, which is part of a link.
 
         Raises:
             DescriptionError: it is not linear, or needs what is not known.
         """
-        if self.on_readings:
+        if self.on_readings or self.adds_to_body:
             return {}
         raise DescriptionError(
             f"Effect '{self.name}' of kind '{self.kind}' does not enter joint torques linearly.",

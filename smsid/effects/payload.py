@@ -20,6 +20,7 @@ class Payload(Effect):
     """A point mass at ``com`` in a frame: what an arm has grasped, say."""
 
     summary = "payload: a point mass on a link or tool"
+    adds_to_body = True
     family = "inertia"
     aliases = ("body_error",)
     strength = ("mass",)
@@ -48,6 +49,7 @@ class BodyError(Effect):
     """
 
     summary = "wrong mass, centre of mass or inertia of a body: what is added to them"
+    adds_to_body = True
     family = "inertia"
     aliases = ("payload",)
     strength = ("mass", "first_moment", "inertia", "density")
@@ -135,6 +137,7 @@ class GraspedBody(Effect):
     """
 
     summary = "a rigid body on a link, with all ten inertial parameters: what an arm grasped"
+    adds_to_body = True
     family = "inertia"
     aliases = ("payload", "body_error")
     strength = ("mass", "first_moment", "inertia")

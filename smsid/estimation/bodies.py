@@ -13,7 +13,6 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from scipy.optimize import least_squares
 
 from smsid._short_repr import short_repr
@@ -28,8 +27,8 @@ from smsid.identify.momentum_rows import whole_bodies
 from smsid.identify.parameter_estimate import parse_combination
 from smsid.likelihood.pseudo_inertia import SIZE, factor, is_body, parameters_at
 from smsid.model import SpacecraftModel
-from smsid.model.load import load_bus, mount_arm
 from smsid.model.regressor import Regressor
+from smsid.model.rigid_bodies import urdf_bodies
 
 GROUPS = ("maximum_likelihood", "exp2.step_b", "arm")
 """Groups of an estimate that hold inertial combinations linear in ordinary parameters."""
@@ -92,22 +91,6 @@ def linear_terms(estimate: Estimate, described: np.ndarray) -> dict[str, tuple[d
         if terms is not None:
             out[p.name] = terms, value
     return out
-
-
-def urdf_bodies(description: Description) -> dict[str, np.ndarray]:
-    """Return the parameters (10,) of every moving body of the URDFs by joint, without wheels and effects.
-
-    Raises:
-        DescriptionError: as `smsid.model.build_model`.
-    """
-    loaded = load_bus(description, False)
-    for arm in description.arm:
-        if arm.mounted:
-            loaded, _ = mount_arm(loaded, arm, description)
-    model: pin.Model = loaded.model
-    return {
-        model.names[j]: np.asarray(model.inertias[j].toDynamicParameters()) for j in range(1, model.njoints)
-    }
 
 
 def identified_bodies(model: SpacecraftModel, estimate: Estimate) -> IdentifiedBodies:

@@ -10,13 +10,13 @@ from smsid.description.schema import Description
 from smsid.diagnose.diagnose import RATE, DiagnosisRun
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import FoundCause, Value
-from smsid.estimation.bodies import urdf_bodies
 from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate, ParameterEstimate
 from smsid.identify.estimate_text import asked_for
 from smsid.identify.parameter_estimate import parse_combination
 from smsid.model import build_model
 from smsid.model.regressor import INERTIAL_NAMES, body_names
+from smsid.model.rigid_bodies import urdf_bodies
 from smsid.recording import Recording
 from smsid.report.diagnose import share_sections
 from smsid.report.diagnosis_shares import Shares

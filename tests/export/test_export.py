@@ -15,7 +15,7 @@ from smsid.description import Arm, Description, Mount, load_description
 from smsid.description.robots import robot_urdf
 from smsid.effects import JointFriction
 from smsid.errors import MissingDependencyError, SmsidError
-from smsid.estimation.bodies import parse_combination, urdf_bodies
+from smsid.estimation.bodies import parse_combination
 from smsid.export import export_folder
 from smsid.identify.estimate import Estimate, classify, save_estimate
 from smsid.identify.momentum_rows import carried_by_bus
@@ -23,6 +23,7 @@ from smsid.likelihood.pseudo_inertia import factor, is_body, parameters_of, step
 from smsid.model import build_model
 from smsid.model.identifiable import base_parameters
 from smsid.model.regressor import Regressor
+from smsid.model.rigid_bodies import urdf_bodies
 
 from .machines import MACHINES, URDF, random_state, to_mujoco
 

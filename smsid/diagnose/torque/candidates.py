@@ -15,6 +15,7 @@ import pinocchio as pin
 from smsid.arm.motion import measured_states
 from smsid.arm.readings import measured_channel
 from smsid.arm.units import joint_unit, slides
+from smsid.diagnose.extended_description import free_name
 from smsid.diagnose.score_test import linear_torques
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.effects import (
@@ -260,8 +261,9 @@ def _bodies(equations: TorqueEquations) -> Iterator[TorqueCandidate]:
 
         return columns
 
+    there = {e.name for e in equations.description.effect}
     for k, body in enumerate(Regressor(model).bodies):
-        effect = BodyError(name=_name("body_error", body), body=body)
+        effect = BodyError(name=free_name(_name("body_error", body), there), body=body)
         for shape, (part, fields) in groups.items():
             yield _one(equations, body, shape, effect, fields, of(k, np.eye(10)[:, part]))
     for arm in model.arms.values():
@@ -269,7 +271,8 @@ def _bodies(equations: TorqueEquations) -> Iterator[TorqueCandidate]:
         links = [f for f in model.pin.frames if f.parentJoint == last and f.type == pin.FrameType.BODY]
         if links:
             frame = links[-1]
-            held = Payload(name=_name("payload", frame.name), frame=frame.name, mass=0.0)
+            name = free_name(_name("payload", frame.name), there)
+            held = Payload(name=name, frame=frame.name, mass=0.0)
             place = point_parameters(1.0, np.asarray(frame.placement.translation))
             yield _one(equations, frame.name, "payload", held, ["mass"], of(last - 1, place[:, None]))
 

@@ -7,14 +7,15 @@ import logging
 import numpy as np
 
 from smsid.description import Description
-from smsid.diagnose.extended_description import body_errors
+from smsid.diagnose.extended_description import with_body_errors
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.diagnose.torque.fit import TorqueFit, TorquePrior, effects_of
 from smsid.errors import SmsidError
-from smsid.estimation.bodies import identified_bodies, urdf_bodies
+from smsid.estimation.bodies import identified_bodies
 from smsid.identify.estimate import Estimate, classify
 from smsid.model import build_model
 from smsid.model.regressor import Regressor
+from smsid.model.rigid_bodies import urdf_bodies
 
 
 def described_values(equations: TorqueEquations) -> np.ndarray:
@@ -128,7 +129,7 @@ def _with_links(extended: Description, found: TorqueFit) -> Description:
     )
     model = build_model(extended)
     bodies = identified_bodies(model, Estimate(extended.name, "torque diagnosis", parameters)).parameters
-    errors = body_errors({joint: bodies[joint] - own for joint, own in urdf_bodies(extended).items()})
-    with_links = extended.with_effects(*errors)
+    shifts = {joint: bodies[joint] - own for joint, own in urdf_bodies(extended).items()}
+    with_links = with_body_errors(extended, shifts)
     build_model(with_links)
     return with_links
