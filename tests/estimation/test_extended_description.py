@@ -6,10 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 
 from smsid.description import load_description, save_description
-from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
-from smsid.effects import SensorScale
+from smsid.diagnose.extended_description import (
+    WIDE,
+    extended_point,
+    with_body_errors,
+    with_inertial_shifts,
+)
+from smsid.effects import BodyError, Payload, SensorScale
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.parameter_vector import Point
+from smsid.model import build_model
 from smsid.recording import Recording
 from tests.estimation.satellite import Satellite, guess, recorded
 
@@ -33,7 +39,10 @@ def test_an_extended_description_is_identified(tmp_path):
     cause = SensorScale(name="cause", sensor="gyro", quantity="angular_rate", error=(0.0, 0.0, 0.015))
     point = replace(Point.of(given.with_effects(cause)), inertial={0: 20.0, 4: -6.0, 9: -4.0})
     unknown = SimpleNamespace(name="cause.error.z")
-    fit = SimpleNamespace(point=point, problem=SimpleNamespace(parts=()), unknowns=(unknown,))
+    fit = SimpleNamespace(
+        point=point, problem=SimpleNamespace(parts=()), unknowns=(unknown,), told=np.array([True]),
+        covariance=lambda: np.array([[1e-8]]),
+    )  # fmt: skip
     nominal = SimpleNamespace(point=Point.of(given))
     search = SimpleNamespace(last=fit, nominal=nominal)
     extended, notes = with_inertial_shifts(extended_point(search), fit)
@@ -51,3 +60,53 @@ def test_an_extended_description_is_identified(tmp_path):
     told = [n for n in found.estimate.notes if "not estimated" in n]
     assert any("'body_error_bus' mass, first_moment.x" in n and "marked `known`" in n for n in told)
     assert any("'cause' error.x, error.y are not estimated: marked `known`" in n for n in told)
+
+
+def bodies(description):
+    return np.array([i.toDynamicParameters() for i in build_model(description).pin.inertias])
+
+
+def test_bodies_that_were_extended_before_are_extended_further(tmp_path):
+    """A second diagnosis starts from what the first has written: its shifts are added to that."""
+    given = guess(tmp_path, RIGID, tank=False, panel=False)
+    twice = given
+    for shift in ({0: 20.0, 4: -6.0}, {0: -5.0, 9: 4.0}):
+        before = bodies(twice)
+        twice, notes = with_inertial_shifts(replace(Point.of(twice), inertial=shift), None)
+        assert not notes
+        change = (bodies(twice) - before)[1]
+        assert np.allclose(change, [shift.get(k, 0.0) for k in range(10)], atol=1e-9)
+    assert [e.kind for e in twice.effect].count("body_error") == 1
+    save_description(twice, tmp_path / "twice.toml")
+    assert np.allclose(bodies(load_description(tmp_path / "twice.toml")), bodies(twice))
+
+
+def test_no_effect_is_lost_to_a_body_that_is_shifted(tmp_path):
+    """What is named as a shift would be, and is none of this body, stays."""
+    given = guess(tmp_path, RIGID, tank=False, panel=False)
+    held = Payload(name="body_error_bus", frame="bus", mass=3.0)
+    shift = np.array([2.0, *np.zeros(9)])
+    both = with_body_errors(given.with_effects(held), {"bus": shift})
+    assert [(e.name, e.kind) for e in both.effect][-2:] == [
+        ("body_error_bus", "payload"),
+        ("body_error_bus_2", "body_error"),
+    ]
+    whole = given.with_effects(BodyError(name="dense", body="bus", density=0.5))
+    change = bodies(with_body_errors(whole, {"bus": shift})) - bodies(whole)
+    assert np.allclose(change[1], shift)
+
+
+def test_what_is_found_less_well_than_a_description_is_taken_for_says_so(tmp_path):
+    """10 % of a payload's place are millimetres; the fit knows it to some centimetres."""
+    given = guess(tmp_path, RIGID, tank=False, panel=False)
+    held = Payload(name="held", frame="bus", mass=2.0, com=(0.08, 0.0, 0.0))
+    names, sigmas = ("held.mass", "held.com.x"), np.array([0.01, 0.04])
+    fit = SimpleNamespace(
+        point=Point.of(given.with_effects(held)), problem=SimpleNamespace(parts=()),
+        unknowns=tuple(SimpleNamespace(name=n) for n in names), told=np.array([True, True]),
+        covariance=lambda: np.diag(sigmas**2),
+    )  # fmt: skip
+    search = SimpleNamespace(last=fit, nominal=SimpleNamespace(point=Point.of(given)))
+    (found,) = extended_point(search).description.effect
+    assert found.known == ("com.y", "com.z")
+    assert found.prior == {"com.x": WIDE * 0.04}

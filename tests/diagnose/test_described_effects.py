@@ -1,0 +1,117 @@
+"""Effects that a description lists: nominal as far as they are known, and candidates from where they are."""
+
+import numpy as np
+import pytest
+
+from smsid.description import load_description
+from smsid.diagnose import diagnose
+from smsid.diagnose.described_effects import from_described
+from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.priors import nominal
+from smsid.diagnose.without_cause import without_cause
+from smsid.effects import ExternalWrench, JointFriction, Payload
+from smsid.estimation.map_estimate import evaluate
+from smsid.estimation.parameter_vector import Point
+from smsid.identify.estimate import Estimate, ParameterEstimate, load_estimate
+from smsid.recording import load_recording
+from tests.hidden.catalogue import hidden_effects
+from tests.hidden.plan import Run, inject
+from tests.hidden.study import tamed
+
+RUBS = JointFriction(name="rubs", joint="joint2", coulomb=0.5, viscous=2.0)
+
+
+def by_key(point, problem, unknowns):
+    return {c.key: c for c in propose(point, problem, unknowns)}
+
+
+def test_what_is_known_of_an_effect_is_nominal(description):
+    """By the description's prior or by the estimate; what neither knows stays as it is."""
+
+    def names(effect, estimate=None):
+        return {u.name: u.sigma for u in nominal(description.with_effects(effect), estimate).unknowns}
+
+    stated = RUBS.model_copy(update={"prior": {"coulomb": 0.07}})
+    assert {n: s for n, s in names(stated).items() if n.startswith("rubs")} == {"rubs.coulomb": 0.07}
+    own = ParameterEstimate("rubs.viscous", 2.2, "N m s/rad", 0.3, "identifiable", "maximum_likelihood")
+    found = names(RUBS, Estimate(description.name, "ml", (own,), covariance=np.array([[0.09]])))
+    assert {n: s for n, s in found.items() if n.startswith("rubs")} == {"rubs.viscous": 0.3}
+    assert not [n for n in names(RUBS) if n.startswith("rubs")]
+
+
+def test_a_candidate_is_from_where_its_effect_is_described(description, problem):
+    """By whatever name: what does nothing is what the description has, and the prior holds no more."""
+    listed = description.with_effects(RUBS.model_copy(update={"prior": {"coulomb": 0.07}}))
+    known = nominal(listed, None)
+    found = by_key(known.point, problem, known.unknowns)
+    candidate = found["joint_friction", "joint2", "coulomb"]
+    assert candidate.free == ("rubs.coulomb",)
+    (unknown,) = candidate.unknowns(known.unknowns)
+    assert (unknown.nominal, unknown.sigma) == (0.5, np.inf) and not candidate.one_sided
+    other = found["joint_friction", "joint3", "coulomb"]
+    assert other.effect.name != "rubs" and other.effect.coulomb == 0.0
+
+
+@pytest.mark.parametrize(
+    "listed",
+    [
+        RUBS.model_copy(update={"joint": "joint3"}),
+        RUBS.model_copy(update={"start": 3.0}),
+        Payload(name="rubs", frame="tool", mass=1.0),
+    ],
+    ids=["elsewhere", "later", "another kind"],
+)
+def test_what_acts_elsewhere_or_later_is_another_effect(description, problem, known, listed):
+    candidate = by_key(known.point, problem, known.unknowns)["joint_friction", "joint2", "coulomb"]
+    assert from_described(candidate, Point.of(description.with_effects(listed))) is candidate
+
+
+def test_axes_tell_effects_of_a_kind_apart(description, problem):
+    leak = ExternalWrench(name="leak", frame="inertial", force=(0.1, 0.0, 0.0))
+    known = nominal(description.with_effects(leak), None)
+    found = by_key(known.point, problem, known.unknowns)
+    assert found["external_wrench", "bus", "force, inertial"].effect.name == "leak"
+    assert found["external_wrench", "bus", "force, body"].effect.name != "leak"
+
+
+def test_less_a_cause_its_effect_is_as_described_and_bound(description, calm, problem):
+    listed = description.with_effects(RUBS.model_copy(update={"prior": {"coulomb": 0.07}}))
+    known = nominal(listed, None)
+    candidate = by_key(known.point, problem, known.unknowns)["joint_friction", "joint2", "coulomb"]
+    bound = tuple(u for u in known.unknowns if u.name == "rubs.coulomb")
+    plain = evaluate(known.point, (*known.unknowns[:1], *bound), calm)
+    moved = known.point.with_effect(listed.get_effect("rubs").model_copy(update={"coulomb": 0.9}))
+    last = evaluate(moved, (*known.unknowns[:1], *candidate.unknowns(plain.unknowns)), calm)
+    less = without_cause(last, candidate, plain)
+    assert [u.name for u in less.unknowns] == [u.name for u in plain.unknowns]
+    assert less.unknowns[1] == bound[0]
+    again = less.point.description.get_effect("rubs")
+    assert (again.coulomb, again.viscous) == (0.5, 2.0)
+
+
+def listed_friction(tmp_path, off, name="rubs"):
+    """Diagnose an arm whose Coulomb friction is listed with a standard deviation, ``off`` by so many."""
+    effect = hidden_effects("arm")["joint_friction:coulomb@joint2"]
+    hidden = inject("arm", effect, 20.0, np.random.default_rng(5))
+    run, files = tamed(Run(7000, "single", "arm", (hidden,)), tmp_path)
+    true = run.hidden[0].value
+    sigma = 4e-4 if abs(off) < 5 else 5e-5
+    stated = JointFriction(name=name, joint="joint2", coulomb=true + off * sigma, prior={"coulomb": sigma})
+    given = load_description(files.description).with_effects(stated)
+    made = diagnose(given, [load_recording(files.recording)], estimate=load_estimate(files.estimate))
+    return made, true
+
+
+def test_an_error_within_what_is_known_is_no_cause(tmp_path):
+    """Two of its standard deviations, fifteen of what the recording knows it to: 1 in 20 is as far off."""
+    made, _ = listed_friction(tmp_path, 2.0)
+    assert made.diagnosis.verdict == "adequate", made.diagnosis.sentence
+
+
+def test_an_error_beyond_it_is_named_by_what_it_is_now(tmp_path):
+    made, true = listed_friction(tmp_path, 20.0)
+    (cause,) = made.diagnosis.causes
+    (value,) = cause.parameters
+    assert (cause.effect, value.name) == ("joint_friction", "rubs.coulomb")
+    assert abs(value.value - true) < 4.0 * value.sigma and abs(value.nominal - true - 1e-3) < 1e-12
+    assert [e.name for e in made.extended.effect if e.kind == "joint_friction"] == ["rubs"]
