@@ -27,6 +27,7 @@ from smsid.diagnose.model_comparison import (
     accept,
     fit_from_nominal,
     simplest_law,
+    with_dynamics,
     with_further,
 )
 from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse
@@ -266,6 +267,25 @@ class SearchState:
                 self.causes = [*(c for c in self.causes if c.score.candidate.key[:2] != own.key[:2]), *laws]
                 self.fitted = InflatedFit(found, np.ones_like(self.fitted.factors))
                 return True
+        return False
+
+    def set_in_motion(self, left: Sequence[SpecificationTest]) -> bool:
+        """Let what a cause brings along move by itself, where tests say that it does not follow at once;
+        return whether one does.
+        """
+        last = self.current
+        for cause in self.causes:
+            own = cause.score.candidate
+            if own.effect is None or not any(t.location == own.location for t in left):
+                continue
+            found = with_dynamics(last, own)
+            price = (len(found.unknowns) - len(last.unknowns)) * float(np.log(self.samples))
+            if found is last or 2.0 * (last.objective - found.objective) <= price:
+                continue
+            self._keep(refine_steps(found))
+            self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
+            self._scoring.columns.clear()
+            return True
         return False
 
     def let_law_err(self, left: Sequence[SpecificationTest]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,12 +126,9 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
             if scale == 0.0:
                 continue
             add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
-    for effect in point.description.effect:  # what is known of other effects to a standard deviation only
-        for p in effect.unknowns() if not effect.nominal and effect.polar_pair() is None else ():
-            stated = known[p.name].sigma if p.name in known else np.nan
-            if p.sigma is not None or 0.0 < stated < np.inf:
-                scale = abs(p.value) or p.sigma or float(stated)
-                add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
+    for effect in point.description.effect:
+        for p, sigma in () if effect.nominal else _known_within(effect, known):
+            add(p.name, "effect", p.unit, p.value, abs(p.value) or sigma, sigma, lower=p.lower, upper=p.upper)
     if estimate is not None and known and not (sources["estimate"] or combinations):
         raise SmsidError(
             "The estimate has no parameter of this description.",
@@ -142,6 +139,25 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
     joint = _joint_prior(point, estimate, combinations, found, notes)
     unknowns = (*found, *sensor_errors(point, further))
     return Nominal(point, unknowns, joint, len(combinations), sources, tuple(notes))
+
+
+def _known_within(
+    effect: Effect, known: Mapping[str, ParameterEstimate]
+) -> Iterator[tuple[Parameter, float]]:
+    """Yield an effect's parameters that are known to a standard deviation only, by an estimate or the
+    description, with that; and of these, what nature has in size only: its shape may be another by itself.
+    """
+    told = False
+    for p in effect.unknowns() if effect.polar_pair() is None else ():
+        stated = float(known[p.name].sigma) if p.name in known else np.nan
+        sigma = stated if 0.0 < stated < np.inf else p.sigma
+        if sigma is not None:
+            told = True
+            yield p, sigma
+    shape = {f"{effect.name}.{field}" for field in effect.open_shape} if told else set()
+    for p in effect.parameters():
+        if p.name in shape and p.sigma is None and not {p.name.rpartition(".")[2], "all"} & {*effect.known}:
+            yield p, abs(p.value)
 
 
 def _size(effect: Effect, p: Parameter) -> float:

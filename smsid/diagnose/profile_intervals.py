@@ -76,7 +76,13 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
     for _ in range(THRESHOLDS.restarts):
         covariance = found.covariance() / np.outer(found.scales, found.scales)
         names = [u.name for u in found.unknowns]
-        own = [names.index(n) for c in causes for n in c.score.candidate.free if n in names]
+        own = [
+            names.index(n)
+            for c in causes
+            if _is_quick(found, c)
+            for n in c.score.candidate.free
+            if n in names
+        ]
         doubtful = poorly_known(found, covariance, own, THRESHOLDS.poorly_known)
         if not doubtful:
             return found, {}
@@ -98,6 +104,14 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
     # its top was not reached: how far they go is not known
     doubtful = poorly_known(found, covariance, own, THRESHOLDS.poorly_known)
     return found, {names[i]: _from(found, found.unknowns[i], (-np.inf, np.inf)) for i in doubtful}
+
+
+def _is_quick(found: MapFit, cause: Cause) -> bool:
+    """Whether a fit with a cause takes seconds: what swings between samples is fitted for minutes, and of a
+    profile for an hour.
+    """
+    effect = cause.score.candidate.effect
+    return effect is None or not cause.score.candidate.instance(found.point).has_fast_dynamics()
 
 
 def _from(found: MapFit, unknown: Unknown, ends: Interval) -> Interval:

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -43,7 +44,8 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 
 LOGGER = logging.getLogger(__name__)
-PRUNING, LAW = "leaving out needless causes", "letting a law err"  # as steps that failed are called
+# as steps that failed are called
+PRUNING, LAW, MOTION = "leaving out needless causes", "letting a law err", "setting a cause in motion"
 
 
 @short_repr
@@ -254,15 +256,17 @@ def _apply_generic_tests(state: SearchState, coarse: frozenset[str]) -> tuple[Sp
     blocks = (*state.held, *adequacy(state.current)) if left_out else blocks
     if state.fitted.misfit or _is_unexplained(state, blocks, coarse):
         return blocks
-    law = _significant(blocks, (), state.levels, coarse)  # little beside its cause, far more than the noise
-    before = {**vars(state)}
-    if not state.guarded(LAW, lambda: state.let_law_err(law)):
-        return blocks
-    again = (*state.held, *adequacy(state.current))
-    if not _is_unexplained(state, again, coarse):
-        return again
-    vars(state).update(before)
-    state.forget_columns()
+    for what, step in ((MOTION, state.set_in_motion), (LAW, state.let_law_err)):
+        law = _significant(blocks, (), state.levels, coarse)  # little beside its cause, far more than noise
+        before = {**vars(state)}
+        if not state.guarded(what, partial(step, law)):
+            continue
+        again = (*state.held, *adequacy(state.current))
+        if not _is_unexplained(state, again, coarse):
+            blocks = again
+            continue
+        vars(state).update(before)
+        state.forget_columns()
     return blocks
 
 

@@ -32,6 +32,7 @@ from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.spatial import ConstantInertia, Rotor
 
 SWINGS = (0.01, 0.03)  # [s] of a rotor on its spring, over 2 pi; quicker, it follows the torque
+QUICK_SWING = 0.003  # [s] where a rotor that the prior allows swings no slower
 
 
 @register
@@ -248,6 +249,8 @@ class GearCompliance(ElasticGear):
             return ()
         largest = self.prior.get("motor_inertia", np.inf)
         rotors = [(swing**2 / self.compliance, swing) for swing in SWINGS]
+        if all(i >= largest for i, _ in rotors):
+            rotors = [(QUICK_SWING**2 / self.compliance, QUICK_SWING)]
         return tuple(
             (
                 self.model_copy(update={"motor_inertia": i, "damping": i / swing, "quasistatic": False}),
