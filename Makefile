@@ -30,7 +30,7 @@ docs: $(VENV)/.docs
 
 $(VENV)/.demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[view]"
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[view,fast]"
 	touch $@
 
 $(VENV)/.test: pyproject.toml
