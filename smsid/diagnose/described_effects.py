@@ -19,7 +19,7 @@ def from_described(candidate: Candidate, point: Point) -> Candidate:
         return candidate
     mine = next((e for e in there if e.name == own.name), there[0])
     freed = mine.model_copy(update={"prior": own.prior})  # as far as the recording says
-    return replace(candidate.renamed(mine.name), effect=freed)
+    return replace(candidate.renamed(mine.name), effect=freed, beside=own)
 
 
 def _is_there(own: Effect, other: Effect) -> bool:

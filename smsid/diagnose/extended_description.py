@@ -145,17 +145,14 @@ def with_body_errors(description: Description, shifts: Mapping[str, np.ndarray])
         shifts: by body or joint, what is added to its parameters (10,) as described.
     """
     there = {e.name: e for e in description.effect}
-    effects = []
+    effects: list[Effect] = []
     for body, shift in shifts.items():
         if not np.any(shift):
             continue
         name = f"body_error_{body}".replace("/", "_")
-        own = there.get(name)
-        if not (isinstance(own, BodyError) and own.body == body):
-            own = BodyError(name=free_name(name, there), body=body, known=("all",))
-        total = np.array([own.mass, *own.first_moment, *own.inertia]) + shift
-        parts = {"mass": float(total[0]), "first_moment": total[1:4].tolist(), "inertia": total[4:].tolist()}
-        effects.append(type(own).model_validate({**dict(own), **parts}))
+        own = there[name].shifted_by(body, shift) if name in there else None
+        new = BodyError(name=free_name(name, there), body=body, known=("all",)).shifted_by(body, shift)
+        effects += [e for e in (own or new,) if e is not None]
     return description.with_effects(*effects)
 
 

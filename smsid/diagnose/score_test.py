@@ -37,7 +37,8 @@ class Candidate:
     more than their prior allows. ``also`` are parameters freed once the effect is there (a payload's centre
     of mass has no meaning without its mass). ``grid`` counts the variants searched, for the correction.
     ``simpler`` are shapes at its location that come first: what one of them explains as well is not its own.
-    ``recording`` is the only one of several that it is in, empty: it is in all.
+    ``recording`` is the only one of several that it is in, empty: it is in all. Of an effect that a
+    description has, ``beside`` is one that does nothing beside it.
     """
 
     kind: str
@@ -51,6 +52,7 @@ class Candidate:
     grid: int = 1
     simpler: tuple[str, ...] = ()
     recording: str = ""
+    beside: Effect | None = None
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -132,7 +134,8 @@ class Candidate:
         if effect is None or effect.name not in names:
             return self
         numbers = chain([""], count(2))
-        return self.renamed(next(n for k in numbers if (n := f"{effect.name}_later{k}") not in names))
+        own = replace(self, effect=self.beside or effect, beside=None)
+        return own.renamed(next(n for k in numbers if (n := f"{effect.name}_later{k}") not in names))
 
     def renamed(self, name: str) -> Candidate:
         """Return it with its effect, and with that its parameters, under another name."""

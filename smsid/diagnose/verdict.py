@@ -104,14 +104,13 @@ def values(
     assumed = _assumed_parameters(found, candidate)
     covariance = (found.last.with_unfitted(assumed) if assumed else found.last).covariance()
     names, told = [u.name for u in found.last.unknowns], found.last.told
-    described = {e.name for e in found.nominal.point.description.effect}
     covariance = covariance[: len(names), : len(names)] + sum(s.covariance for s in starts.values())
     out = []
     for name in (*candidate.free, *(n for n in candidate.also if n in unknowns)):
         u = unknowns[name]
         i = names.index(name)
         sigma = float(np.sqrt(covariance[i, i])) if told[i] else np.inf
-        nominal = u.nominal if candidate.effect is None or candidate.effect.name in described else None
+        nominal = u.nominal if candidate.effect is None or candidate.beside is not None else None
         value, ends = float(found.last.point.value(u)), found.bent.get(name)
         # of a fit without hints that is elsewhere, it is no interval
         own = ends if ends is not None and ends[0] <= value <= ends[1] else _within_bounds(u, value, sigma)

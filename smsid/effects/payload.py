@@ -82,6 +82,14 @@ class BodyError(Effect):
         assembly.scale_body(self.body, 1.0 + self.density)
         assembly.add_remainder(self.body, theta, pin.SE3.Identity())
 
+    def shifted_by(self, body: str, shift: np.ndarray) -> BodyError | None:
+        """Return it with a shift (10,) more, if it is of that body by the same name."""
+        if body != self.body:
+            return None
+        total = (np.array([self.mass, *self.first_moment, *self.inertia]) + shift).tolist()
+        parts = {"mass": total[0], "first_moment": tuple(total[1:4]), "inertia": tuple(total[4:])}
+        return type(self).model_validate({**dict(self), **parts})
+
 
 def point_parameters(mass: float, place: np.ndarray) -> np.ndarray:
     """Return the inertial parameters (10,) of a point mass [kg] at place (3,) [m] about the origin."""

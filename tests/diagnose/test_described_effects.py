@@ -26,16 +26,23 @@ def by_key(point, problem, unknowns):
 
 
 def test_what_is_known_of_an_effect_is_nominal(description):
-    """By the description's prior or by the estimate; what neither knows stays as it is."""
+    """By the description's prior or by the estimate, and its shape with it, which nature has in size only;
+    what neither knows stays as it is.
+    """
 
     def names(effect, estimate=None):
         return {u.name: u.sigma for u in nominal(description.with_effects(effect), estimate).unknowns}
 
     stated = RUBS.model_copy(update={"prior": {"coulomb": 0.07}})
-    assert {n: s for n, s in names(stated).items() if n.startswith("rubs")} == {"rubs.coulomb": 0.07}
+    assert {n: s for n, s in names(stated).items() if n.startswith("rubs")} == {
+        "rubs.coulomb": 0.07,
+        "rubs.smoothing": RUBS.smoothing,
+    }
+    exact = stated.model_copy(update={"known": ("smoothing",)})
+    assert [n for n in names(exact) if n.startswith("rubs")] == ["rubs.coulomb"]
     own = ParameterEstimate("rubs.viscous", 2.2, "N m s/rad", 0.3, "identifiable", "maximum_likelihood")
     found = names(RUBS, Estimate(description.name, "ml", (own,), covariance=np.array([[0.09]])))
-    assert {n: s for n, s in found.items() if n.startswith("rubs")} == {"rubs.viscous": 0.3}
+    assert {n: s for n, s in found.items() if n.startswith("rubs.v")} == {"rubs.viscous": 0.3}
     assert not [n for n in names(RUBS) if n.startswith("rubs")]
 
 
@@ -111,7 +118,8 @@ def test_an_error_within_what_is_known_is_no_cause(tmp_path):
 def test_an_error_beyond_it_is_named_by_what_it_is_now(tmp_path):
     made, true = listed_friction(tmp_path, 20.0)
     (cause,) = made.diagnosis.causes
-    (value,) = cause.parameters
+    value, width = cause.parameters
+    assert width.name == "rubs.smoothing" and abs(width.value - width.nominal) < 4.0 * width.sigma
     assert (cause.effect, value.name) == ("joint_friction", "rubs.coulomb")
     assert abs(value.value - true) < 4.0 * value.sigma and abs(value.nominal - true - 1e-3) < 1e-12
     assert [e.name for e in made.extended.effect if e.kind == "joint_friction"] == ["rubs"]
