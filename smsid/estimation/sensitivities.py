@@ -114,6 +114,7 @@ class Sensitivities:
         self._regressors: dict[int, Sensitivity] = {}
         self._own: dict[tuple[str, bool], np.ndarray] = {}
         self._whole: list[Kernel | None] = []
+        self._own_ahead: tuple[np.ndarray, np.ndarray] | None = None
         self.by_candidate: dict[tuple[object, ...], list[Sensitivity]] = {}  # what is scored is scored again
 
     def inertial(self, columns: Sequence[int]) -> list[Sensitivity]:
@@ -183,7 +184,11 @@ class Sensitivities:
 
     def _difference_ahead(self, origin: SpacecraftModel, model: SpacecraftModel) -> np.ndarray:
         """Return by how much the state at the next sample (N - 1, 2 nv) differs in another model."""
-        (q, v), (other_q, other_v) = self._state_ahead(origin), self._state_ahead(model)
+        if origin is self.model:
+            self._own_ahead = here = self._own_ahead or self._state_ahead(origin)
+        else:
+            here = self._state_ahead(origin)
+        (q, v), (other_q, other_v) = here, self._state_ahead(model)
         turned = [pin.difference(self.model.pin, *x) for x in zip(q, other_q, strict=True)]
         return np.hstack([np.array(turned).reshape(v.shape), other_v - v])
 

@@ -147,7 +147,7 @@ def test_a_needless_cause_is_left_out_whatever_else_is_left(monkeypatch, misfit,
         return True
 
     state.prune, state.guarded = prune, lambda what, step: step()
-    state.let_law_err = lambda left: False
+    state.let_law_err = state.set_in_motion = lambda left: False
     monkeypatch.setattr(
         stepwise, "adequacy", lambda fit: (SpecificationTest(f"torque of {fit}", "angle", ratio, 4),)
     )

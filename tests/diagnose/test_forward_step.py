@@ -238,6 +238,37 @@ def test_a_law_errs_where_tests_say_that_it_is_not_all(world, monkeypatch, locat
     assert (state.current is erring) is errs and (state.causes == [plainer]) is errs
 
 
+@pytest.mark.parametrize(
+    ("location", "objective", "further", "moves"),
+    [
+        ("joint2", -20.0, 1, True),
+        ("joint1", -20.0, 1, False),  # nothing is left there
+        ("joint2", -2.0, 1, False),  # ln(100) is asked of a parameter
+        ("joint2", -2.0, 0, True),
+        ("joint2", None, 0, False),  # it has no motion of its own
+    ],
+)
+def test_a_cause_moves_where_tests_say_that_it_does_not_follow(
+    world, monkeypatch, location, objective, further, moves
+):
+    state, _ = world
+    gives = candidate(("gear_compliance", "joint2", "compliance"))
+    gives.effect = SimpleNamespace(name="gear")
+    state.causes = [Cause(score_of(gives), (), 1e7)]
+    last = state.current
+    last.unknowns = ("mass", "compliance")
+    swings = SimpleNamespace(
+        name="swings", objective=objective, unknowns=(*last.unknowns, *["damping"] * further), problem="short"
+    )
+    monkeypatch.setattr(rounds, "with_dynamics", lambda found, own: found if objective is None else swings)
+    monkeypatch.setattr(rounds, "refine_steps", lambda found: found)
+    monkeypatch.setattr(rounds, "evaluate", lambda point, unknowns, problem: ("nominal", problem))
+    state.nominal = SimpleNamespace(point=None, unknowns=())
+    assert state.set_in_motion([SimpleNamespace(location=location)]) is moves
+    assert (state.current is swings) is moves
+    assert (state.nominal == ("nominal", "short")) is moves, "ratios are of one step"
+
+
 def test_several_causes_of_one_structure_hide_none_elsewhere(world):
     """A panel that is a chain took the three that were looked for, and a payload of 2 kg stayed unnamed; but
     a ripple at a joint that no law has is no reason to look for five.
