@@ -170,6 +170,11 @@ def identify_arm(
     found = with_found_shapes(found, shapes)
     done = time.perf_counter()
     notes += [*doubts, *motion_notes(model, motion, torques, solved)]
+    notes += [
+        f"'{e.name}' is part of the link that carries it: identified with it, its own values take no part"
+        for e in description.effect
+        if e.adds_to_body
+    ]
     notes += [*shape_notes(shapes), *delay_note(equations.delay)]
     if equal_errors:
         notes.append("errors near rest were taken for as large as elsewhere, as was asked")

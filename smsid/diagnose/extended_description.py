@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from smsid.description.schema import Description
+from smsid.diagnose.described_effects import free_name
 from smsid.diagnose.priors import DEFAULT_EFFECT
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.stepwise import Search
@@ -44,8 +45,7 @@ def extended_point(found: Search, hints: Sequence[Candidate] = ()) -> Point:
     ``hints``, which are no causes.
 
     Of an effect that is added the parameters that were not fitted are marked `known`: who identifies what is
-    written, estimates what was found. Fitted ones that are known worse than a description's values are taken
-    for have a wide prior, see `WIDE`.
+    written, estimates what was found. What was fitted of causes has a wide prior, see `WIDE`.
     """
     point = as_now(found.last)
     described = {e.name for e in found.nominal.point.description.effect}
@@ -53,25 +53,29 @@ def extended_point(found: Search, hints: Sequence[Candidate] = ()) -> Point:
     deviations = np.sqrt(np.diag(found.last.covariance()))
     told = zip(found.last.unknowns, deviations, found.last.told, strict=True)
     fitted = {u.name: float(sigma) if known else np.inf for u, sigma, known in told}
+    causes = {c.score.candidate.effect.name for c in found.causes if c.score.candidate.effect is not None}
     kept = tuple(
-        e if e.name in described else _with_fitted_unknown(e, fitted)
+        e if e.name in described - causes else _with_fitted_unknown(e, fitted, listed=e.name in described)
         for e in point.description.effect
         if e.name not in out
     )
     return replace(point, description=point.description.model_copy(update={"effect": kept}))
 
 
-def _with_fitted_unknown(effect: Effect, fitted: Mapping[str, float]) -> Effect:
+def _with_fitted_unknown(effect: Effect, fitted: Mapping[str, float], *, listed: bool) -> Effect:
     """Return an effect with priors of what was ``fitted``, standard deviations by name, whose other
-    parameters are known; itself where nothing of it was.
+    parameters, of one that was not ``listed``, are known; itself where nothing of it was fitted.
     """
-    listed = {p.name.removeprefix(f"{effect.name}."): p for p in effect.parameters()}
-    rest = tuple(field for field, p in listed.items() if p.name not in fitted)
-    if len(rest) == len(listed):
+    own = {p.name.removeprefix(f"{effect.name}."): p for p in effect.parameters()}
+    rest = tuple(field for field, p in own.items() if p.name not in fitted)
+    if len(rest) == len(own):
         return effect
-    wide = {field: WIDE * fitted[p.name] for field, p in listed.items() if p.name in fitted}
-    unsure = {f: x for f, x in wide.items() if DEFAULT_EFFECT * abs(listed[f].value) < x < np.inf}
-    return effect.model_copy(update={"known": rest, "prior": {**effect.prior, **unsure}})
+    wide = {field: WIDE * fitted[p.name] for field, p in own.items() if p.name in fitted}
+    if effect.nominal:  # taken for known to a share where nothing is said
+        wide = {f: x for f, x in wide.items() if x > DEFAULT_EFFECT * abs(own[f].value)}
+    sure = {f: x for f, x in wide.items() if 0.0 < x < np.inf}
+    known = effect.known if listed else rest
+    return effect.model_copy(update={"known": known, "prior": {**effect.prior, **sure}})
 
 
 def with_inertial_shifts(point: Point, last: MapFit) -> tuple[Description, tuple[str, ...]]:
@@ -153,13 +157,8 @@ def with_body_errors(description: Description, shifts: Mapping[str, np.ndarray])
         own = there[name].shifted_by(body, shift) if name in there else None
         new = BodyError(name=free_name(name, there), body=body, known=("all",)).shifted_by(body, shift)
         effects += [e for e in (own or new,) if e is not None]
+        there |= {e.name: e for e in effects}
     return description.with_effects(*effects)
-
-
-def free_name(name: str, taken: Container[str]) -> str:
-    """Return a name, numbered where it is taken."""
-    numbered = (name, *(f"{name}_{k}" for k in range(2, 1000)))
-    return next(n for n in numbered if n not in taken)
 
 
 def _shifted_description(point: Point, inertial: Mapping[int, float]) -> Description:

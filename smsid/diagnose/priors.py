@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,7 +138,9 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
             description=[u.name for u in found][:10],
         )
     joint = _joint_prior(point, estimate, combinations, found, notes)
-    unknowns = (*found, *sensor_errors(point, further))
+    own = {u.name.partition(".")[0] for u in found}
+    biased = {c for e in point.description.effect if e.name in own for c in e.biased_channels()}
+    unknowns = (*found, *sensor_errors(point, further, biased))
     return Nominal(point, unknowns, joint, len(combinations), sources, tuple(notes))
 
 
@@ -147,16 +150,16 @@ def _known_within(
     """Yield an effect's parameters that are known to a standard deviation only, by an estimate or the
     description, with that; and of these, what nature has in size only: its shape may be another by itself.
     """
-    told = False
+    told = set[str]()
     for p in effect.unknowns() if effect.polar_pair() is None else ():
         stated = float(known[p.name].sigma) if p.name in known else np.nan
         sigma = stated if 0.0 < stated < np.inf else p.sigma
         if sigma is not None:
-            told = True
+            told.add(p.name)
             yield p, sigma
-    shape = {f"{effect.name}.{field}" for field in effect.open_shape} if told else set()
+    shape = {f"{effect.name}.{field}" for field in effect.open_shape} - told if told else set()
     for p in effect.parameters():
-        if p.name in shape and p.sigma is None and not {p.name.rpartition(".")[2], "all"} & {*effect.known}:
+        if p.name in shape and not {p.name.rpartition(".")[2], "all"} & {*effect.known}:
             yield p, abs(p.value)
 
 
@@ -254,11 +257,15 @@ def _moved_to(point: Point, estimate: Estimate | None, notes: list[str]) -> Poin
     return replace(point, inertial=inertial)
 
 
-def sensor_errors(point: Point, further: Sequence[str] = ()) -> list[Unknown]:
-    """Return the errors of sensors that the description states, of every recording its own."""
+def sensor_errors(
+    point: Point, further: Sequence[str] = (), biased: AbstractSet[str] = frozenset()
+) -> list[Unknown]:
+    """Return the errors of sensors that the description states, of every recording its own; channels that are
+    ``biased`` have a bias by an effect.
+    """
     sensors = point.description.sensor
     channels = {f"{s.name}.{q}" for s in sensors for q in s.quantities}
-    found = sensor_unknowns(point.base, sensors, channels, "", set(), only_stated=True)
+    found = sensor_unknowns(point.base, sensors, channels, "", set(biased), only_stated=True)
     own = [replace(u, name=u.name.removeprefix(": ")) for u in found]
     return [*own, *(replace(u, name=f"{label}: {u.name}") for label in further for u in own)]
 

@@ -63,7 +63,7 @@ class Search:
     ``failed`` says in sentences what could not be done for numerical reasons, or was taken as unknown.
     ``bent`` are 95 % intervals of parameters whose likelihood is no Gaussian's, by name. ``one_unknown``:
     one torque that is unknown explains more than all causes do, which are parts of it; its test beside the
-    nominal parameters is among ``before`` and ``blocks``.
+    nominal parameters is among ``before`` and ``blocks``. ``listed`` is as `least_beside_listed` returns it.
     """
 
     nominal: MapFit
@@ -85,16 +85,19 @@ class Search:
     bands: tuple[SpecificationTest, ...] = ()
     bent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     one_unknown: bool = False
+    listed: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def left(self) -> tuple[SpecificationTest, ...]:
         """The generic tests that are still significant."""
-        return _significant(self.blocks, self.causes, self.levels, self.coarse, white=not self.misfit)
+        return _significant(
+            self.blocks, self.causes, self.levels, self.coarse, self.listed, white=not self.misfit
+        )
 
     @property
     def left_before(self) -> tuple[SpecificationTest, ...]:
         """The generic tests that are significant without any cause."""
-        return _significant(self.before, (), self.levels, self.coarse, white=not self.misfit)
+        return _significant(self.before, (), self.levels, self.coarse, self.listed, white=not self.misfit)
 
     @property
     def followed(self) -> float:
@@ -149,7 +152,7 @@ def search(
         levels, coarse, tuple(state.failed),
         state.fitted.factors,
         tuple(band_tests(state.current, state.fitted.factors)),
-        one_unknown=bool(one),
+        one_unknown=bool(one), listed=state.least_listed,
     )  # fmt: skip
 
 
@@ -257,7 +260,7 @@ def _apply_generic_tests(state: SearchState, coarse: frozenset[str]) -> tuple[Sp
     if state.fitted.misfit or _is_unexplained(state, blocks, coarse):
         return blocks
     for what, step in ((MOTION, state.set_in_motion), (LAW, state.let_law_err)):
-        law = _significant(blocks, (), state.levels, coarse)  # little beside its cause, far more than noise
+        law = _significant(blocks, (), state.levels, coarse, {})  # beside noise, not beside its cause
         before = {**vars(state)}
         if not state.guarded(what, partial(step, law)):
             continue
@@ -271,7 +274,13 @@ def _apply_generic_tests(state: SearchState, coarse: frozenset[str]) -> tuple[Sp
 
 
 def _is_unexplained(state: SearchState, blocks: Sequence[SpecificationTest], coarse: frozenset[str]) -> bool:
-    return bool(_significant(blocks, state.causes, state.levels, coarse))
+    return bool(_significant(blocks, state.causes, state.levels, coarse, state.least_listed))
+
+
+def _of_shape(test: SpecificationTest, listed: Mapping[tuple[str, str], float]) -> list[float]:
+    """Return ratios up to which what a test finds may be the shape of laws that are listed at its place."""
+    shaped = test.dependence in ("rate", "load")
+    return [0.0, *(x for (place, _), x in listed.items() if shaped and place == test.location)]
 
 
 def _significant(
@@ -279,15 +288,18 @@ def _significant(
     causes: Sequence[Cause],
     levels: DetectionThresholds,
     coarse: frozenset[str],
+    listed: Mapping[tuple[str, str], float],
     *,
     white: bool = True,
 ) -> tuple[SpecificationTest, ...]:
-    """Return the tests that are significant; misfit (not ``white``) and rounding need not be white."""
+    """Return the tests that are significant; misfit (not ``white``) and rounding need not be white, and of a
+    law's shape, of causes or ``listed``, nature has the last word.
+    """
     least = levels.beside * max((c.ratio for c in causes), default=0.0)
     return tuple(
         b
         for b in blocks
         if b.p_value * len(blocks) < levels.block
-        and b.ratio > least
+        and b.ratio > max(least, *_of_shape(b, listed))
         and (b.dependence != PAST or (white and b.where not in coarse))
     )

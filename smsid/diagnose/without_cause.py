@@ -28,8 +28,9 @@ def without_cause(found: MapFit, candidate: Candidate, nominal: MapFit) -> MapFi
     point, run, effect = found.point, found.run, candidate.effect
     bound = {u.name: u for u in nominal.unknowns if u.name in own}
     kept = [i for i, u in enumerate(found.unknowns) if u.name not in own or u.name in bound]
-    unknowns = tuple(bound.get(u.name, u) for u in (found.unknowns[i] for i in kept))
-    whitened = found.whitened[:, :, kept]
+    free = [found.unknowns[i] for i in kept]
+    unknowns = tuple(bound.get(u.name, u) for u in free)
+    whitened = found.whitened[:, :, kept] * [b.scale / u.scale for b, u in zip(unknowns, free, strict=True)]
     if effect is not None:
         mine, stated = candidate.instance(point), {p.name: p.value for p in effect.parameters()}
         plain = mine.with_values({n: stated[n] for n in candidate.free})

@@ -304,9 +304,15 @@ class Effect(StrictTable):
         """Return it as it is said of the effect it is part of, where that has changed from old to new."""
         return self
 
-    def shifted_by(self, body: str, shift: np.ndarray) -> Effect | None:
+    def shifted_by(self, body: str | None, shift: np.ndarray) -> Effect | None:
         """Return it with a shift (10,) of a body's inertial parameters more, where that is all it is."""
         return None
+
+    def without_share(self, described: np.ndarray) -> Effect:
+        """Return it with what is a share of a body's ``described`` parameters (10,), in the axes of the
+        effect's frame, as numbers: they stay where the body becomes another.
+        """
+        return self
 
     def as_appendage(self) -> Appendage | None:
         """Return it as an appendage: rigid body, modes, stations; ``None`` where it is none."""

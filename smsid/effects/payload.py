@@ -82,7 +82,14 @@ class BodyError(Effect):
         assembly.scale_body(self.body, 1.0 + self.density)
         assembly.add_remainder(self.body, theta, pin.SE3.Identity())
 
-    def shifted_by(self, body: str, shift: np.ndarray) -> BodyError | None:
+    def without_share(self, described: np.ndarray) -> BodyError:
+        """Return it without ``density``, as that of a body with parameters (10,) in its frame."""
+        if not self.density:
+            return self
+        whole = self.model_copy(update={"density": 0.0}).shifted_by(self.body, self.density * described)
+        return self if whole is None else whole
+
+    def shifted_by(self, body: str | None, shift: np.ndarray) -> BodyError | None:
         """Return it with a shift (10,) more, if it is of that body by the same name."""
         if body != self.body:
             return None

@@ -28,6 +28,7 @@ from smsid.identify.estimate import Estimate
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.load import load_bus, urdf_of
 from smsid.model.regressor import INERTIAL_UNITS, Regressor
+from smsid.model.rigid_bodies import with_shifts_as_numbers
 
 ROOT = "root_joint"
 """Pinocchio's name of the free joint of the bus."""
@@ -96,6 +97,7 @@ def _write_files(
     bodies = None
     if estimate is not None:
         found, notes = with_estimate(description, estimate)
+        found = with_shifts_as_numbers(found)  # of the bodies as described, not as they are written
         bodies = identified_bodies(_equations_of(found, estimate.held), estimate)
         notes += bodies.notes
     stem = description.name

@@ -11,6 +11,7 @@ import pinocchio as pin
 from smsid.description.schema import Description
 from smsid.effects.assembly import Assembly
 from smsid.effects.base import Effect
+from smsid.effects.inertial_parameters import move_parameters
 from smsid.model.build import build_model, rebuild
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.spacecraft import SpacecraftModel
@@ -57,6 +58,27 @@ def described_bodies(description: Description) -> dict[str, np.ndarray]:
     full = rigid_model(description)
     bare = _parameters(rebuild(full, _with_scaffold(description)).pin)
     return {name: theta + _parameters(full.pin)[name] - bare[name] for name, theta in found.items()}
+
+
+def with_shifts_as_numbers(description: Description) -> Description:
+    """Return a description whose effects add numbers to its bodies, no shares of them: the bodies may become
+    others, as when an identified one is written into a URDF.
+
+    Raises:
+        DescriptionError: as `smsid.model.build_model`.
+    """
+    if not any(e.adds_to_body for e in description.effect):
+        return description
+    bare = rigid_model(description.model_copy(update={"effect": ()})).pin
+    assembly = Assembly(bare, base=1 if description.root == "free" else 0)
+    effects = []
+    for e in description.effect:
+        if e.adds_to_body and e.shifted_body is not None:
+            joint, offset = assembly.frame(getattr(e, e.shifted_body))
+            own = np.asarray(bare.inertias[joint].toDynamicParameters())
+            e = e.without_share(move_parameters(offset.inverse(), own))
+        effects.append(e)
+    return description.with_effects(*effects)
 
 
 def _parameters(model: pin.Model) -> dict[str, np.ndarray]:

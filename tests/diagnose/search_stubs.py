@@ -33,6 +33,7 @@ def candidate(key, family="friction"):
         location=key[1],
         family=family,
         effect=None,
+        beside=None,
         simpler=(),
         free=(f"{key[1]}.size",),
         also=(),

@@ -140,6 +140,7 @@ def test_a_needless_cause_is_left_out_whatever_else_is_left(monkeypatch, misfit,
         fitted=SimpleNamespace(misfit=misfit),
         causes=[],
         levels=DetectionThresholds(),
+        least_listed={},
     )
 
     def prune():

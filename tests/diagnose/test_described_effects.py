@@ -5,11 +5,11 @@ import pytest
 
 from smsid.description import load_description
 from smsid.diagnose import diagnose
-from smsid.diagnose.described_effects import from_described
+from smsid.diagnose.described_effects import from_described, least_beside_listed
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
-from smsid.diagnose.without_cause import without_cause
-from smsid.effects import ExternalWrench, JointFriction, Payload
+from smsid.diagnose.without_cause import residual_squares, without_cause
+from smsid.effects import Backlash, ExternalWrench, JointFriction, Payload, SensorBias
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.parameter_vector import Point
 from smsid.identify.estimate import Estimate, ParameterEstimate, load_estimate
@@ -68,9 +68,42 @@ def test_a_candidate_is_from_where_its_effect_is_described(description, problem)
     ],
     ids=["elsewhere", "later", "another kind"],
 )
-def test_what_acts_elsewhere_or_later_is_another_effect(description, problem, known, listed):
+@pytest.mark.parametrize("name", ["rubs", "joint_friction_joint2"])
+def test_what_acts_elsewhere_or_later_is_another_effect(description, problem, known, listed, name):
+    """Also where it has the name that the candidate would have: as a diagnosis writes what begins midway."""
     candidate = by_key(known.point, problem, known.unknowns)["joint_friction", "joint2", "coulomb"]
-    assert from_described(candidate, Point.of(description.with_effects(listed))) is candidate
+    other = listed.model_copy(update={"name": name})
+    found = from_described(candidate, Point.of(description.with_effects(other)))
+    assert found.beside is None and found.effect.coulomb == 0.0 and found.effect.joint == "joint2"
+    assert (found is candidate) is (name == "rubs")
+    assert found.effect.name != name and all(n.startswith(f"{found.effect.name}.") for n in found.free)
+
+
+def test_one_component_is_not_the_whole_sensor(description, problem):
+    """What is listed of one axis has no parameters for the three that a candidate frees."""
+    one = SensorBias(name="mine", sensor="imu", quantity="angular_rate", component="x", bias=1e-4)
+    known = nominal(description.with_effects(one), None)
+    found = by_key(known.point, problem, known.unknowns)["sensor_bias", "imu.angular_rate", "bias"]
+    assert found.beside is None and found.effect.name != "mine"
+    assert {p.name for p in found.effect.parameters()} >= set(found.free)
+
+
+def test_a_gap_is_searched_beside_one_that_is_listed(description, problem):
+    """What is profiled has its own start and bounds: none of them are those of the described effect."""
+    own = Backlash(name="play", joint="joint2", gap=1e-3, quasistatic=True, prior={"gap": 1e-4})
+    known = nominal(description.with_effects(own), None)
+    found = by_key(known.point, problem, known.unknowns)["backlash", "joint2", "backlash"]
+    assert found.beside is None and found.effect.name != "play" and found.effect.gap == 0.0
+
+
+def test_a_bias_is_counted_once(description):
+    sensors = description.effective_sensors()
+    name = next(s.name for s in sensors if s.kind == "imu")
+    listed = description.with_effects(
+        SensorBias(name="mine", sensor=name, quantity="angular_rate", prior={"bias.x": 1e-5})
+    )
+    names = [u.name for u in nominal(listed, None).unknowns]
+    assert "mine.bias.x" in names and f"{name}.angular_rate.bias.x" not in names
 
 
 def test_axes_tell_effects_of_a_kind_apart(description, problem):
@@ -92,8 +125,27 @@ def test_less_a_cause_its_effect_is_as_described_and_bound(description, calm, pr
     less = without_cause(last, candidate, plain)
     assert [u.name for u in less.unknowns] == [u.name for u in plain.unknowns]
     assert less.unknowns[1] == bound[0]
+    exact = evaluate(less.point, less.unknowns, calm)
+    apart = np.linalg.norm(less.whitened - exact.whitened, axis=(0, 1))
+    assert (apart < 0.1 * np.linalg.norm(exact.whitened, axis=(0, 1))).all(), "per scale of what is bound"
+    assert residual_squares(less) - residual_squares(last) == pytest.approx(
+        residual_squares(exact) - residual_squares(last), rel=0.2
+    )
     again = less.point.description.get_effect("rubs")
     assert (again.coulomb, again.viscous) == (0.5, 2.0)
+
+
+def test_what_is_little_beside_a_listed_law_may_be_its_shape(description, calm, problem):
+    """As beside a cause, a thousandth of it; at its own joint alone."""
+    listed = description.with_effects(RUBS.model_copy(update={"prior": {"coulomb": 0.07}}))
+    known = nominal(listed, None)
+    own = tuple(u for u in known.unknowns if u.name == "rubs.coulomb")
+    found = evaluate(known.point, (*known.unknowns[:1], *own), calm)
+    candidates = propose(known.point, problem, known.unknowns)
+    expected = 1e-3 * (0.5 / found.sigma("rubs.coulomb")) ** 2
+    assert least_beside_listed(found, candidates) == {("joint2", "friction"): pytest.approx(expected)}
+    held = evaluate(known.point, known.unknowns[:1], calm)
+    assert least_beside_listed(held, candidates) == {}
 
 
 def listed_friction(tmp_path, off, name="rubs"):

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import forward_step as rounds
+from smsid.diagnose import stepwise
 from smsid.diagnose.forward_step import SearchState
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.noise_covariance import InflatedFit
+from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError
 from smsid.estimation.innovations import squared_distance
@@ -236,6 +238,20 @@ def test_a_law_errs_where_tests_say_that_it_is_not_all(world, monkeypatch, locat
     left = [SimpleNamespace(location=location)]
     assert state.let_law_err(left) is errs
     assert (state.current is erring) is errs and (state.causes == [plainer]) is errs
+
+
+def test_what_may_be_the_shape_of_a_listed_law_is_no_cause_there(world):
+    state, _ = world
+    first = state._leading_scores()[0].candidate
+    state.least_listed = {(first.location, first.family): 1e6}
+    leading = state._leading_scores()
+    assert leading and leading[0].candidate is not first
+    asked = [(first.location, "rate"), (first.location, "acceleration"), ("elsewhere", "rate")]
+    left = [SpecificationTest(f"torque of {p}", on, 900.0, 4, location=p) for p, on in asked]
+    told = stepwise._significant(left, (), state.levels, frozenset(), state.least_listed)
+    assert [(t.location, t.dependence) for t in told] == asked[1:], "a sign's shape is of rate and load"
+    state.least_listed = {(first.location, "actuator"): 1e6}
+    assert state._leading_scores()[0].candidate is first
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,8 @@ from smsid.arm import identify_arm
 from smsid.cli.app import app
 from smsid.description import load_description, save_description
 from smsid.diagnose import diagnose
-from smsid.effects import Payload
+from smsid.effects import BodyError, Payload
+from smsid.export import export_folder
 from smsid.identify.estimate import save_estimate
 from smsid.recording import save_recording
 from tests.diagnose.torque_world import described, recorded
@@ -55,6 +56,18 @@ def test_what_an_arm_carries_is_found_once(bare, tmp_path):
     assert abs(mass.value - CARRIED) < 4.0 * mass.sigma < 1.0
     carried = [e.mass for e in more.extended.effect if e.kind == "payload"]
     assert len(carried) == 2 and abs(sum(carried) - 2.0 * CARRIED) < 1.0
+
+
+def test_an_arm_with_a_denser_link_is_exported_as_identified(tmp_path):
+    """A share of the described link is not one of the link as it is written."""
+    listed = described().with_effects(BodyError(name="dense", body="link3", density=0.5))
+    known = identify_arm(listed, recorded(seed=7, payload=CARRIED)).estimate
+    export_folder(listed, tmp_path / "out", known)
+    (path,) = (tmp_path / "out").glob("*.toml")
+    value, sigma, nominal = combinations(
+        identify_arm(load_description(path), recorded(seed=8, payload=CARRIED))
+    )
+    assert np.abs((value - nominal) / sigma).max() < 6.0
 
 
 def test_links_that_were_found_with_a_cause_are_found_again():

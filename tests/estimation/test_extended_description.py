@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from smsid.description import load_description, save_description
 from smsid.diagnose.extended_description import (
@@ -41,10 +42,11 @@ def test_an_extended_description_is_identified(tmp_path):
     unknown = SimpleNamespace(name="cause.error.z")
     fit = SimpleNamespace(
         point=point, problem=SimpleNamespace(parts=()), unknowns=(unknown,), told=np.array([True]),
-        covariance=lambda: np.array([[1e-8]]),
+        covariance=lambda: np.array([[1e-5]]),
     )  # fmt: skip
     nominal = SimpleNamespace(point=Point.of(given))
-    search = SimpleNamespace(last=fit, nominal=nominal)
+    own = SimpleNamespace(score=SimpleNamespace(candidate=SimpleNamespace(effect=cause)))
+    search = SimpleNamespace(last=fit, nominal=nominal, causes=(own,))
     extended, notes = with_inertial_shifts(extended_point(search), fit)
     hint = SimpleNamespace(effect=cause)  # a hint is no cause: its effect is not in what the gain is of
     assert not extended_point(search, [hint]).description.effect
@@ -96,17 +98,25 @@ def test_no_effect_is_lost_to_a_body_that_is_shifted(tmp_path):
     assert np.allclose(change[1], shift)
 
 
-def test_what_is_found_less_well_than_a_description_is_taken_for_says_so(tmp_path):
-    """10 % of a payload's place are millimetres; the fit knows it to some centimetres."""
+@pytest.mark.parametrize("listed", [False, True])
+def test_what_a_diagnosis_found_is_known_as_well_as_it_was_found(tmp_path, listed):
+    """By a wide prior, of what was fitted: else the next takes it for exact, or for as known as before."""
     given = guess(tmp_path, RIGID, tank=False, panel=False)
     held = Payload(name="held", frame="bus", mass=2.0, com=(0.08, 0.0, 0.0))
+    before = held.model_copy(update={"mass": 1.0, "prior": {"mass": 1e-6, "com.y": 0.5}, "known": ("com.z",)})
     names, sigmas = ("held.mass", "held.com.x"), np.array([0.01, 0.04])
+    now = before.model_copy(update={"mass": 2.0, "com": held.com}) if listed else held
     fit = SimpleNamespace(
-        point=Point.of(given.with_effects(held)), problem=SimpleNamespace(parts=()),
+        point=Point.of(given.with_effects(now)), problem=SimpleNamespace(parts=()),
         unknowns=tuple(SimpleNamespace(name=n) for n in names), told=np.array([True, True]),
         covariance=lambda: np.diag(sigmas**2),
     )  # fmt: skip
-    search = SimpleNamespace(last=fit, nominal=SimpleNamespace(point=Point.of(given)))
+    own = SimpleNamespace(score=SimpleNamespace(candidate=SimpleNamespace(effect=now)))
+    nominal = SimpleNamespace(point=Point.of(given.with_effects(before) if listed else given))
+    search = SimpleNamespace(last=fit, nominal=nominal, causes=(own,))
     (found,) = extended_point(search).description.effect
-    assert found.known == ("com.y", "com.z")
-    assert found.prior == {"com.x": WIDE * 0.04}
+    wide = {"mass": WIDE * 0.01, "com.x": WIDE * 0.04}
+    assert found.prior == pytest.approx(wide | ({"com.y": 0.5} if listed else {}))
+    assert found.known == (("com.z",) if listed else ("com.y", "com.z"))
+    search.causes = ()  # a nominal one that was refitted within its prior keeps that
+    assert not listed or extended_point(search).description.effect[0].prior == before.prior

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from smsid.description import load_description
 from smsid.effects import BodyError, GraspedBody, JointFriction, Payload
 from smsid.model import build_model
-from smsid.model.rigid_bodies import described_bodies, rigid_model, urdf_bodies
+from smsid.model.rigid_bodies import described_bodies, rigid_model, urdf_bodies, with_shifts_as_numbers
 from smsid.paths import urdf_folder
 
 HELD = Payload(name="held", frame="tool", mass=3.0, com=(0.1, -0.2, 0.3))
@@ -39,3 +40,17 @@ def test_a_rigid_model_is_without_what_is_no_body():
     k = plain.getJointId("joint2")
     assert np.allclose(more.inertias[k].toDynamicParameters(), 1.1 * plain.inertias[k].toDynamicParameters())
     assert rigid_model(dense).description is dense
+
+
+@pytest.mark.parametrize("body", ["link2", "tool", None])
+def test_a_share_of_a_body_as_numbers_is_the_same_body(body):
+    """In the axes of the frame that the effect names, which may stand off the joint."""
+    described = load_description(urdf_folder() / "paper_sms.toml")
+    dense = described.with_effects(BodyError(name="dense", body=body, density=0.3, mass=0.5))
+    plain = with_shifts_as_numbers(dense)
+    (effect,) = [e for e in plain.effect if e.name == "dense"]
+    assert effect.density == 0.0 and effect.mass > 0.5
+    one, other = build_model(dense).pin, build_model(plain).pin
+    for a, b in zip(one.inertias, other.inertias, strict=True):
+        assert np.allclose(a.toDynamicParameters(), b.toDynamicParameters(), atol=1e-9)
+    assert with_shifts_as_numbers(described) is described

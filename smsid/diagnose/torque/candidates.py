@@ -15,7 +15,7 @@ import pinocchio as pin
 from smsid.arm.motion import measured_states
 from smsid.arm.readings import measured_channel
 from smsid.arm.units import joint_unit, slides
-from smsid.diagnose.extended_description import free_name
+from smsid.diagnose.described_effects import free_name
 from smsid.diagnose.score_test import linear_torques
 from smsid.diagnose.torque.equations import TorqueEquations
 from smsid.effects import (
