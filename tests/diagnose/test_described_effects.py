@@ -125,6 +125,8 @@ def test_less_a_cause_its_effect_is_as_described_and_bound(description, calm, pr
     less = without_cause(last, candidate, plain)
     assert [u.name for u in less.unknowns] == [u.name for u in plain.unknowns]
     assert less.unknowns[1] == bound[0]
+    again = less.point.description.get_effect("rubs")
+    assert (again.coulomb, again.viscous) == (0.5, 2.0)
 
 
 def test_what_a_listed_effect_explains_is_told_beside_its_prior(description, calm, problem):
