@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from smsid.description import Description
+from smsid.diagnose.described_effects import from_described
+from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
 from smsid.effects import JointFriction
 from smsid.estimation.map_estimate import prior_of
@@ -42,8 +44,8 @@ def test_errors_of_an_estimate_go_together_as_it_says(description, together):
     assert any("as independent" in n for n in known.notes) == (together is None)
 
 
-def test_friction_found_beside_what_a_urdf_states_adds_to_it(tmp_path):
-    """It stood in its stead, and extended.toml lost what the URDF states."""
+def test_friction_that_a_urdf_states_is_listed(tmp_path, known, problem):
+    """What is found beside it adds to it; a candidate begins from it, and is written once."""
     text = (urdf_folder() / "paper_sms.urdf").read_text()
     joint = re.search(r'<joint name="joint2".*?</joint>', text, re.DOTALL)
     assert joint
@@ -60,3 +62,10 @@ def test_friction_found_beside_what_a_urdf_states_adds_to_it(tmp_path):
     assert forces == pytest.approx([-0.7, -0.73])
     again = build_model(more.description)
     assert [e.name for e in again.description.effect] == ["joint2_friction", "joint_friction_joint2"]
+    every = {c.key: c for c in propose(known.point, problem, known.unknowns)}
+    candidate = from_described(every["joint_friction", "joint2", "viscous"], point)
+    assert candidate.effect is not None and candidate.free == ("joint2_friction.viscous",)
+    assert (candidate.effect.viscous, candidate.effect.coulomb) == (2.0, 0.5)
+    now = candidate.effect.with_values({"joint2_friction.viscous": 3.0})
+    written = build_model(point.with_effect(now).description)
+    assert [e.viscous for e in written.description.effect] == [3.0]
