@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Iterable
+from collections.abc import Collection, Container, Iterable, Mapping
 from dataclasses import replace
 
 from smsid.diagnose.score_test import Candidate
@@ -63,6 +63,14 @@ def least_beside_listed(found: MapFit, candidates: Iterable[Candidate]) -> dict[
             ratio = (found.point.value(u) / found.sigma(u.name)) ** 2
             least[place] = max(THRESHOLDS.beside * ratio, least.get(place, 0.0))
     return least
+
+
+def least_for(candidate: Candidate, found: MapFit, listed: Mapping[tuple[str, str], float]) -> float:
+    """Return the likelihood ratio up to which a candidate may be the shape of a ``listed`` law, as
+    `least_beside_listed` has them: none for one that frees what is nominal in a fit, an error in size.
+    """
+    least = listed.get((candidate.location, candidate.family), 0.0)
+    return 0.0 if least and {u.name for u in found.unknowns} & set(candidate.free) else least
 
 
 def free_name(name: str, taken: Container[str]) -> str:

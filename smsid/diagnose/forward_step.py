@@ -19,7 +19,7 @@ from smsid.diagnose.change_point import (
     sync_onset,
     with_onset,
 )
-from smsid.diagnose.described_effects import least_beside_listed
+from smsid.diagnose.described_effects import least_beside_listed, least_for
 from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
 from smsid.diagnose.merge_step import merge_step
 from smsid.diagnose.misfit_proof import follows, is_hopeful, with_what_it_lacks
@@ -353,7 +353,9 @@ class SearchState:
         """Return the likeliest score, then it and its contenders with the onset that each may have."""
         least = self._asked.beside * max((c.ratio for c in self.causes), default=0.0)
         asked = [s for s in self.scores if self._has_room(s.candidate)]
-        strong = (s for s in asked if s.ratio > max(least, self.least_listed.get(_place(s), 0.0)))
+        strong = (
+            s for s in asked if s.ratio > max(least, least_for(s.candidate, self.nominal, self.least_listed))
+        )
         best = next((s for s in strong if self._counts(s)), None)
         if best is None:  # in noise as large as itself it counts for nothing
             best = next((s for s in asked if is_hopeful(self.fitted, s)), None)
@@ -489,10 +491,6 @@ class SearchState:
             return left
         elsewhere = (c for c in left if not is_at(c.location, self.fitted.unknown))
         return [c for c in elsewhere if c.family not in ON_THE_BUS]
-
-
-def _place(s: Score) -> tuple[str, str]:
-    return s.candidate.location, s.candidate.family
 
 
 def _distances_of_causes(causes: Sequence[Cause], found: MapFit, place: str) -> list[float]:

@@ -5,7 +5,7 @@ import pytest
 
 from smsid.description import load_description
 from smsid.diagnose import diagnose
-from smsid.diagnose.described_effects import from_described, least_beside_listed
+from smsid.diagnose.described_effects import from_described, least_beside_listed, least_for
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.without_cause import residual_squares, without_cause
@@ -154,12 +154,20 @@ def test_what_is_little_beside_a_listed_law_may_be_its_shape(description, calm, 
     assert least_beside_listed(found, candidates) == {("joint2", "friction"): pytest.approx(expected)}
     held = evaluate(known.point, known.unknowns[:1], calm)
     assert least_beside_listed(held, candidates) == {}
+    least, every = least_beside_listed(found, candidates), {c.key: c for c in candidates}
+    other = every["joint_friction", "joint2", "load-dependent"]
+    assert least_for(other, found, least) == pytest.approx(expected)
+    for key in (("joint_friction", "joint2", "coulomb"), ("joint_friction", "joint3", "viscous")):
+        assert least_for(every[key], found, least) == 0.0, "an error in size, or another joint"
+    assert least_for(every["torque_gain", "joint2", "torque constant"], found, least) == 0.0
 
 
-def listed_friction(tmp_path, off, name="rubs"):
-    """Diagnose an arm whose Coulomb friction is listed with a standard deviation, ``off`` by so many."""
+def listed_friction(tmp_path, off, name="rubs", times=20.0):
+    """Diagnose an arm whose Coulomb friction, ``times`` its limit of detection, is listed with a standard
+    deviation, and ``off`` by so many.
+    """
     effect = hidden_effects("arm")["joint_friction:coulomb@joint2"]
-    hidden = inject("arm", effect, 20.0, np.random.default_rng(5))
+    hidden = inject("arm", effect, times, np.random.default_rng(5))
     run, files = tamed(Run(7000, "single", "arm", (hidden,)), tmp_path)
     true = run.hidden[0].value
     sigma = 4e-4 if abs(off) < 5 else 5e-5
@@ -175,8 +183,10 @@ def test_an_error_within_what_is_known_is_no_cause(tmp_path):
     assert made.diagnosis.verdict == "adequate", made.diagnosis.sentence
 
 
-def test_an_error_beyond_it_is_named_by_what_it_is_now(tmp_path):
-    made, true = listed_friction(tmp_path, 20.0)
+@pytest.mark.parametrize("times", [20.0, 100.0])
+def test_an_error_beyond_it_is_named_by_what_it_is_now(tmp_path, times):
+    """Of a strong one too, beside which it is little: it is no error of its shape."""
+    made, true = listed_friction(tmp_path, 20.0, times=times)
     (cause,) = made.diagnosis.causes
     value, width = cause.parameters
     assert width.name == "rubs.smoothing" and abs(width.value - width.nominal) < 4.0 * width.sigma

@@ -243,6 +243,7 @@ def test_a_law_errs_where_tests_say_that_it_is_not_all(world, monkeypatch, locat
 def test_what_may_be_the_shape_of_a_listed_law_is_no_cause_there(world):
     state, _ = world
     first = state._leading_scores()[0].candidate
+    state.nominal.unknowns = ()
     state.least_listed = {(first.location, first.family): 1e6}
     leading = state._leading_scores()
     assert leading and leading[0].candidate is not first
