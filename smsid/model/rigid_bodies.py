@@ -47,7 +47,7 @@ def urdf_bodies(description: Description) -> dict[str, np.ndarray]:
 
 
 def described_bodies(description: Description) -> dict[str, np.ndarray]:
-    """Return `urdf_bodies` with what effects add that are part of a body: payloads, ``body_error``.
+    """Return `urdf_bodies` (10,) with what effects add that are part of a body: payloads, ``body_error``.
 
     Raises:
         DescriptionError: as `smsid.model.build_model`.
