@@ -68,8 +68,11 @@ def test_a_cause_is_as_far_and_as_well_known_as_identified_from_what_was_written
     own = {u.name.removeprefix("exp2: "): (u, s) for u, s in zip(found.unknowns, spread, strict=True)}
     # how the motion begins is a parameter here, and in the covariance of the first state there
     assert {n for n in own if not n.startswith("start.")} == set(sigma)
+    told = {f"{e.name}.{field}": s for e in asked.extended.effect for field, s in e.prior.items()}
+    assert any(n.endswith("viscous") for n in told), "what was written says how well it is known"
     for unknown in last.unknowns:
         theirs, size = own[unknown.name]
+        size = (size**-2 - told.get(unknown.name, np.inf) ** -2) ** -0.5  # less what the prior tells again
         off = (last.point.value(unknown) - found.point.value(theirs)) / size
         within = 0.15 if unknown.kind == "inertial" else 0.05  # single inertias are mostly their priors'
         assert abs(off) < 0.3 and abs(sigma[unknown.name] / size - 1.0) < within, unknown.name

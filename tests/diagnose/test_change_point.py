@@ -81,7 +81,8 @@ def test_what_begins_beside_its_own_effect_is_another_effect(fitted, known_start
     found, scores = hidden((point.with_effect(described), problem, unknowns), key, 60.0, 4.3)
     begun = with_onset(found, next(s for s in scores if s.candidate.key == key), ALIAS)
     own = begun.candidate
-    assert own.effect.name == f"{described.name}_later" and own.free == (f"{own.effect.name}.viscous",)
+    another = f"{described.name}_{'later' if known_start is None else '2'}"
+    assert own.effect.name == another and own.free == (f"{own.effect.name}.viscous",)
     assert own.effect.start == pytest.approx(4.3, abs=0.05) and own.effect.viscous == 0.0
     with_it = evaluate(found.point.with_effect(own.effect), (*unknowns, *own.unknowns(unknowns)), problem)
     same, _ = refine_onset(with_it, begun)

@@ -1,6 +1,7 @@
 """A strong cause beside a structure that does not move as described: neither is followed by itself."""
 
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -197,6 +198,7 @@ def test_with_one_unknown_torque_its_test_is_told_and_no_cause_is_judged_further
         causes, held, scores, failed, samples, normalised_rmse = (), (), (), (), 1, 1.0
         current = nominal = SimpleNamespace(run=None)
         one_unknown = SimpleNamespace(test=test)
+        least_listed: ClassVar = {}
 
         def guarded(self, what, step):
             return bool(step())
