@@ -107,8 +107,8 @@ def profile_intervals(found: MapFit, causes: Sequence[Cause]) -> tuple[MapFit, d
 
 
 def _is_quick(found: MapFit, cause: Cause) -> bool:
-    """Whether a fit with a cause takes seconds: what swings between samples is fitted for minutes, and of a
-    profile for an hour.
+    """Whether a fit with a cause takes seconds: where it swings between samples, fits take minutes, and a
+    profile is many of them.
     """
     effect = cause.score.candidate.effect
     return effect is None or not cause.score.candidate.instance(found.point).has_fast_dynamics()
