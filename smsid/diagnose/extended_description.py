@@ -155,9 +155,9 @@ def with_body_errors(description: Description, shifts: Mapping[str, np.ndarray])
             continue
         name = f"body_error_{body}".replace("/", "_")
         own = there[name].shifted_by(body, shift) if name in there else None
-        new = BodyError(name=free_name(name, there), body=body, known=("all",)).shifted_by(body, shift)
-        effects += [e for e in (own or new,) if e is not None]
-        there |= {e.name: e for e in effects}
+        found = own or BodyError(name=free_name(name, there), body=body, known=("all",)).plus(shift)
+        there[found.name] = found
+        effects.append(found)
     return description.with_effects(*effects)
 
 

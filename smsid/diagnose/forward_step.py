@@ -11,6 +11,7 @@ import numpy as np
 
 from smsid.diagnose.candidate_scores import CandidateScores
 from smsid.diagnose.cause_count import STRUCTURES, cause_count, has_room
+from smsid.diagnose.cause_in_motion import in_motion
 from smsid.diagnose.change_point import (
     best_onsets,
     drop_onset,
@@ -28,7 +29,6 @@ from smsid.diagnose.model_comparison import (
     accept,
     fit_from_nominal,
     simplest_law,
-    with_dynamics,
     with_further,
 )
 from smsid.diagnose.noise_covariance import InflatedFit, normalised_rmse
@@ -274,20 +274,13 @@ class SearchState:
         """Let what a cause brings along move by itself, where tests say that it does not follow at once;
         return whether one does.
         """
-        last = self.current
-        for cause in self.causes:
-            own = cause.score.candidate
-            if own.effect is None or not any(t.location == own.location for t in left):
-                continue
-            found = with_dynamics(last, own)
-            price = (len(found.unknowns) - len(last.unknowns)) * float(np.log(self.samples))
-            if found is last or 2.0 * (last.objective - found.objective) <= price:
-                continue
-            self._keep(refine_steps(found))
-            self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
-            self._scoring.columns.clear()
-            return True
-        return False
+        found = in_motion(self.current, self.causes, left)
+        if found is None:
+            return False
+        self._keep(refine_steps(found))
+        self.nominal = evaluate(self.nominal.point, self.nominal.unknowns, self.current.problem)
+        self._scoring.columns.clear()
+        return True
 
     def let_law_err(self, left: Sequence[SpecificationTest]) -> bool:
         """Let the torque of a law among the causes err, where tests say that it is not all that acts there;

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from smsid.diagnose.model_comparison import Cause, own_component, with_dynamics, with_further
+from smsid.diagnose.cause_in_motion import with_dynamics
+from smsid.diagnose.model_comparison import Cause, own_component, with_further
 from smsid.diagnose.noise_covariance import InflatedFit, fit_to_stated_noise, normalised_rmse
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.thresholds import THRESHOLDS

@@ -18,14 +18,12 @@ from smsid.diagnose.score_test import Candidate, Score, can_do_the_same, correla
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.diagnose.wald_test import chance_of_nothing
 from smsid.errors import SmsidError
-from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.map_estimate import NEARLY_AT_REST, MapFit, fit, within_reach
-from smsid.estimation.parameter_vector import Point, Unknown
+from smsid.estimation.parameter_vector import Unknown
 
 LOGGER = logging.getLogger(__name__)
 NEAR = THRESHOLDS.near
 AGAIN = 12  # steps of a fit that begins again from the nominal parameters
-STEPS_OF_OTHERS, STEPS_IN_MOTION = 8, 25  # of the fits of an effect that moves by itself
 AXES = (".x", ".y", ".z")
 OUT_OF_REACH = 0.01  # of what the best contender gains, by which another may fall behind on its way
 
@@ -381,33 +379,6 @@ def _fit_further_parameters(found: MapFit, candidate: Candidate) -> MapFit:
     if len(groups) > 1 and (np.isneginf(paid) or -price * (len(more) - 1) < paid <= 0.0):
         paid, larger = max((freed(some) for some in groups.values()), key=lambda x: x[0])
     return larger if paid > 0.0 else found
-
-
-def with_dynamics(found: MapFit, candidate: Candidate, nominal: Point | None = None) -> MapFit:
-    """Return the fit with a candidate's effect in motion where it was taken at rest, if that fits better.
-
-    It starts from the fit's point or, where that has gone far to make up for the motion, the ``nominal``.
-    What moves tells of itself only where the rest follows, so that this is fitted first.
-    """
-    best, effect = found, None if candidate.effect is None else candidate.instance(found.point)
-    own = set(candidate.free)
-    others = [u for u in found.unknowns if u.name not in own]
-    for moving, step in () if effect is None else effect.with_dynamics():
-        problem = replace(found.problem, substep=min(found.problem.substep, step))
-        try:
-            point = (nominal or found.point).with_effect(moving, candidate.recording)
-            begun = fit(point, others, problem, iterations=STEPS_OF_OTHERS)
-            mine = [u for u in found.unknowns if u.name in own]
-            mine += unfitted_parameters(begun.with_unfitted(mine), candidate)
-            further = fit(begun.point, (*others, *mine), problem, iterations=STEPS_IN_MOTION)
-        except (SmsidError, np.linalg.LinAlgError) as error:
-            LOGGER.info("%s does not move in steps of %.2g s: %s", candidate.key, step, error)
-            continue
-        LOGGER.info("%s in motion: %.1f, was %.1f", candidate.key, further.objective, best.objective)
-        best = min(best, further, key=lambda f: f.objective)
-        if best is further and normalised_rmse(best.run) <= THRESHOLDS.noise_left:
-            break
-    return best
 
 
 def with_further(found: MapFit, causes: Sequence[Cause]) -> MapFit | None:

@@ -15,7 +15,8 @@ from itertools import chain
 
 import numpy as np
 
-from smsid.diagnose.model_comparison import Cause, unfitted_parameters, with_dynamics
+from smsid.diagnose.cause_in_motion import with_dynamics
+from smsid.diagnose.model_comparison import Cause, unfitted_parameters
 from smsid.diagnose.noise_covariance import MISFIT, SHARES, normalised_rmse
 from smsid.diagnose.open_shape import may_be_open, with_open_shape
 from smsid.diagnose.plausibility import impossible_fit

@@ -82,20 +82,19 @@ class BodyError(Effect):
         assembly.scale_body(self.body, 1.0 + self.density)
         assembly.add_remainder(self.body, theta, pin.SE3.Identity())
 
-    def without_share(self, described: np.ndarray) -> BodyError:
-        """Return it without ``density``, as that of a body with parameters (10,) in its frame."""
-        if not self.density:
-            return self
-        whole = self.model_copy(update={"density": 0.0}).shifted_by(self.body, self.density * described)
-        return self if whole is None else whole
-
-    def shifted_by(self, body: str | None, shift: np.ndarray) -> BodyError | None:
-        """Return it with a shift (10,) more, if it is of that body by the same name."""
-        if body != self.body:
-            return None
+    def plus(self, shift: np.ndarray) -> BodyError:
+        """Return it with a shift (10,) more."""
         total = (np.array([self.mass, *self.first_moment, *self.inertia]) + shift).tolist()
         parts = {"mass": total[0], "first_moment": tuple(total[1:4]), "inertia": tuple(total[4:])}
         return type(self).model_validate({**dict(self), **parts})
+
+    def without_share(self, described: np.ndarray) -> BodyError:
+        """Return it without ``density``, as that of a body with parameters (10,) in its frame."""
+        return self.model_copy(update={"density": 0.0}).plus(self.density * described)
+
+    def shifted_by(self, body: str | None, shift: np.ndarray) -> BodyError | None:
+        """Return it with a shift (10,) more, if it is of that body by the same name."""
+        return self.plus(shift) if body == self.body else None
 
 
 def point_parameters(mass: float, place: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from smsid.diagnose import cause_in_motion, stepwise
 from smsid.diagnose import forward_step as rounds
-from smsid.diagnose import stepwise
 from smsid.diagnose.forward_step import SearchState
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause
@@ -277,7 +277,9 @@ def test_a_cause_moves_where_tests_say_that_it_does_not_follow(
     swings = SimpleNamespace(
         name="swings", objective=objective, unknowns=(*last.unknowns, *["damping"] * further), problem="short"
     )
-    monkeypatch.setattr(rounds, "with_dynamics", lambda found, own: found if objective is None else swings)
+    monkeypatch.setattr(
+        cause_in_motion, "with_dynamics", lambda found, own: found if objective is None else swings
+    )
     monkeypatch.setattr(rounds, "refine_steps", lambda found: found)
     monkeypatch.setattr(rounds, "evaluate", lambda point, unknowns, problem: ("nominal", problem))
     state.nominal = SimpleNamespace(point=None, unknowns=())
