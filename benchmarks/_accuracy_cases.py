@@ -22,10 +22,10 @@ from smsid.effects.slosh import Slosh
 from smsid.errors import SmsidError
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import AS_PRINTED
+from smsid.identify.paper._exp1_axis_data import axis_data
+from smsid.identify.paper._translation import AxisEstimate, identify_axis
 from smsid.identify.paper.combined import combine
-from smsid.identify.paper.exp1_axis_data import axis_data
 from smsid.identify.paper.pipeline import Identification, identify
-from smsid.identify.paper.translation import AxisEstimate, identify_axis
 from smsid.model.build import build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording, import_recording

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.errors import DescriptionError
-from smsid.export.mjcf import inertial, joint_axes, numbers, with_lent_inertia
+from smsid.export._mjcf import inertial, joint_axes, numbers, with_lent_inertia
 
 
 class UnsupportedError(Exception):

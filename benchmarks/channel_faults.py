@@ -31,7 +31,7 @@ from _faulty_recordings import KINDS
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate, load_estimate, save_estimate
 from smsid.recording import Recording, load_recording, save_recording
-from smsid.recording._attitude import conjugate
+from smsid.recording.attitude import conjugate
 from smsid.recording.checks import SampleFault
 
 CLAIM = "faults of components are named, and none that matters passes identify in silence"

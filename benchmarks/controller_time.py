@@ -11,11 +11,11 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import numpy as np  # noqa: E402
 from _common import ROOT, environment, interleaved, spread, write_result  # noqa: E402
 
+from smsid.control._sensed import measured_truth  # noqa: E402
 from smsid.control.gains import gains  # noqa: E402
 from smsid.control.pd import ModelBasedController  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
 from smsid.control.robust_term import design_robust_term  # noqa: E402
-from smsid.control.sensed import measured_truth  # noqa: E402
 from smsid.control.trajectory import Reference, trapezoid  # noqa: E402
 from smsid.control.weights import weights_from_level  # noqa: E402
 from smsid.description import Arm, load_description  # noqa: E402

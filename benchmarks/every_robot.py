@@ -39,8 +39,8 @@ from smsid.export.regressor_check import mujoco_torques
 from smsid.model import SpacecraftModel, build_model
 from smsid.recording import Recording
 from smsid.simulate import Inputs, Tolerance, simulate
-from smsid.view.export import export_html
-from smsid.view.scene import build_scene
+from smsid.view._export import export_html
+from smsid.view._scene import build_scene
 
 SEED = 5
 STATES = 10

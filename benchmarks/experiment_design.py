@@ -39,8 +39,8 @@ from twins.state import State
 
 from smsid._files import atomic_write
 from smsid.design import Design, Limits, design_experiment
-from smsid.design.forecast import exact_information
-from smsid.design.goal import goal_of
+from smsid.design._forecast import exact_information
+from smsid.design._goal import goal_of
 from smsid.errors import SmsidError
 from smsid.experiments import Experiment, named_experiment, thrust_experiment
 from smsid.likelihood import Refinement, fisher_information, refine

@@ -26,6 +26,7 @@ import numpy as np  # noqa: E402
 from _common import ROOT, environment, write_result  # noqa: E402
 from _table4_identified import identified  # noqa: E402
 
+from smsid.control._robust import flexible_plant, least_damping, named_poles  # noqa: E402
 from smsid.control.closed_loop import (  # noqa: E402
     left_out,
     sensor_noise,
@@ -35,7 +36,6 @@ from smsid.control.gains import gains  # noqa: E402
 from smsid.control.identified_model import inertia_at  # noqa: E402
 from smsid.control.pd import ModelBasedController  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
-from smsid.control.robust import flexible_plant, least_damping, named_poles  # noqa: E402
 from smsid.control.robust_term import (  # noqa: E402
     RobustTerm,
     design_robust_term,

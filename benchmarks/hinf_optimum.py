@@ -20,10 +20,10 @@ import numpy as np  # noqa: E402
 from _common import ROOT, environment, write_result  # noqa: E402
 from scipy.linalg import null_space  # noqa: E402
 
+from smsid.control._hinfinity import Plant, synthesize  # noqa: E402
+from smsid.control._statespace import StateSpace, hinf_norm, lower_lft  # noqa: E402
 from smsid.control.gains import gains  # noqa: E402
-from smsid.control.hinfinity import Plant, synthesize  # noqa: E402
 from smsid.control.robust_term import design_robust_term, error_plant  # noqa: E402
-from smsid.control.statespace import StateSpace, hinf_norm, lower_lft  # noqa: E402
 from smsid.control.weights import DesignWeights  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.model import build_model  # noqa: E402

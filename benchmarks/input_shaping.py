@@ -19,12 +19,12 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import numpy as np  # noqa: E402
 from _common import ROOT, environment, write_result  # noqa: E402
 
+from smsid.control._robust import flexible_plant, named_poles  # noqa: E402
 from smsid.control.closed_loop import track  # noqa: E402
 from smsid.control.gains import gains  # noqa: E402
 from smsid.control.identified_model import inertia_at  # noqa: E402
 from smsid.control.pd import ModelBasedController  # noqa: E402
 from smsid.control.reduced import ReducedDynamics  # noqa: E402
-from smsid.control.robust import flexible_plant, named_poles  # noqa: E402
 from smsid.control.trajectory import (  # noqa: E402
     Motion,
     Reference,

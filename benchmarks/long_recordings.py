@@ -37,7 +37,7 @@ from likelihood import twin
 from smsid.description.schema import Description
 from smsid.estimation.identify import identify_spacecraft
 from smsid.identify.momentum_rows import carried_by_bus
-from smsid.identify.paper.exp2 import identify_momentum
+from smsid.identify.paper._exp2 import identify_momentum
 from smsid.inputs.signals import Fourier
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.regressor import Regressor

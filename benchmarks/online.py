@@ -39,7 +39,7 @@ from smsid.recording import Recording
 from smsid.sensing import observe
 from smsid.simulate import Sampled, simulate, truth_of
 from smsid.tracking import ChangeDetector, Sample, Setting, Tracker, track_recordings
-from smsid.tracking.change_detection import SETTLING
+from smsid.tracking._change_detection import SETTLING
 
 sys.path.insert(0, str(ROOT))
 
@@ -218,8 +218,8 @@ def grasp(draw: int) -> list[dict]:
 
 def end(draw: int) -> list[dict]:
     """Return how far the filter ends from the batch estimate and from the truth, in standard deviations."""
+    from smsid.estimation._maximum import maximise
     from smsid.estimation.flight import flight_of
-    from smsid.estimation.maximum import maximise
     from smsid.estimation.parameter_vector import Point
     from smsid.tracking import followed_parameters
 

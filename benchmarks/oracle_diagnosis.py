@@ -28,8 +28,8 @@ from rich.console import Console
 from scipy.signal import butter, sosfiltfilt
 
 from smsid.diagnose import diagnose
+from smsid.diagnose._noise_covariance import first_fit, with_levels
 from smsid.diagnose.diagnose import RATE, DiagnosisRun
-from smsid.diagnose.noise_covariance import first_fit, with_levels
 from smsid.diagnose.priors import nominal
 from smsid.estimation.input_hold import locked_coordinates
 from smsid.estimation.input_timing import timing_of

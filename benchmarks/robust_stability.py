@@ -26,13 +26,13 @@ import pinocchio as pin  # noqa: E402
 from _accuracy_cases import Data, noisy  # noqa: E402
 from _common import RESULTS, ROOT, environment, write_result  # noqa: E402
 
+from smsid.control._robust import closed_loop_matrix, flexible_plant  # noqa: E402
+from smsid.control._uncertain_plant import uncertain_plant  # noqa: E402
 from smsid.control.gains import gains  # noqa: E402
 from smsid.control.identified_model import identified_level, identified_model, inertia_at  # noqa: E402
 from smsid.control.reduced import ReducedDynamics, perturb_bodies  # noqa: E402
-from smsid.control.robust import closed_loop_matrix, flexible_plant  # noqa: E402
 from smsid.control.robust_term import guarded_term  # noqa: E402
 from smsid.control.robustness import robust_stability  # noqa: E402
-from smsid.control.uncertain_plant import uncertain_plant  # noqa: E402
 from smsid.description import load_description  # noqa: E402
 from smsid.identify.paper.pipeline import identify  # noqa: E402
 from smsid.likelihood import refine  # noqa: E402

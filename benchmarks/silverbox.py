@@ -13,7 +13,7 @@ import numpy as np
 from _common import environment, write_result
 
 from smsid.datasets import silverbox
-from smsid.datasets.recordings import SILVERBOX_RATE
+from smsid.datasets._recordings import SILVERBOX_RATE
 from smsid.lab import Oscillator
 from smsid.lab.oscillator_diagnosis import NAMES, diagnose_oscillator
 

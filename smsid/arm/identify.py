@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid.arm._friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
+from smsid.arm._level import SHOWN, Level, with_gravity
+from smsid.arm._smooth_motion import SmoothMotion, joined_motion, smooth_motion
+from smsid.arm._solve import IN_STEP, AngleDelay, delay_note, settled_load, solve_equations, torque_means
 from smsid.arm.columns import JointStates, effect_columns
 from smsid.arm.comparison import JudgedArm, TorqueComparison
-from smsid.arm.friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
-from smsid.arm.level import SHOWN, Level, with_gravity
 from smsid.arm.readings import without_turns
 from smsid.arm.regression import JointRegression
 from smsid.arm.setup import with_held_joints
-from smsid.arm.smooth_motion import SmoothMotion, joined_motion, smooth_motion
-from smsid.arm.solve import IN_STEP, AngleDelay, delay_note, settled_load, solve_equations, torque_means
 from smsid.description import Description
 from smsid.effects.external import tilt_of, tilted_gravity
 from smsid.errors import DescriptionError
@@ -88,7 +88,7 @@ class ArmIdentification(JudgedArm):
 
     def verdict(self) -> list[str]:
         """Return whether what is left is noise, and hints at what is plainly missing."""
-        from smsid.arm.residual_dependence import leftover_sentences
+        from smsid.arm._residual_dependence import leftover_sentences
 
         return leftover_sentences(self)
 

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from smsid._statistics import NORMAL95
+from smsid.arm._smooth_motion import smooth_motion
 from smsid.arm.columns import JointStates
 from smsid.arm.identify import rigid_arm, torque_rows
 from smsid.arm.joint_torques import block_length, block_means
 from smsid.arm.presets import with_joint_effects
-from smsid.arm.smooth_motion import smooth_motion
 from smsid.arm.torque_calibration import TorqueScale, known_links, torque_scales
 from smsid.description import Description
 from smsid.recording import Recording

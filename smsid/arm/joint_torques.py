@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid.arm._smooth_motion import SmoothMotion
 from smsid.arm.columns import JointStates, effect_columns, joint_index
 from smsid.arm.near_rest import near_rest
-from smsid.arm.smooth_motion import SmoothMotion
 from smsid.effects import Effect
 from smsid.errors import RecordingError
 from smsid.model.regressor import Regressor

@@ -14,6 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid.arm._servo_equations import (
+    COMMAND,
+    is_known,
+    moves_throughout,
+    servo_equations,
+    with_position_errors,
+    with_sharp_friction,
+    within_limits,
+)
+from smsid.arm._servo_values import physical_values, torque_limits
+from smsid.arm._smooth_motion import smooth_motion
 from smsid.arm.comparison import JudgedArm, TorqueComparison
 from smsid.arm.identify import (
     motion_notes,
@@ -24,17 +35,6 @@ from smsid.arm.identify import (
 )
 from smsid.arm.joint_torques import JointTorques, block_length, block_means, joint_torques
 from smsid.arm.regression import solve_joints
-from smsid.arm.servo_equations import (
-    COMMAND,
-    is_known,
-    moves_throughout,
-    servo_equations,
-    with_position_errors,
-    with_sharp_friction,
-    within_limits,
-)
-from smsid.arm.servo_values import physical_values, torque_limits
-from smsid.arm.smooth_motion import smooth_motion
 from smsid.description import Description
 from smsid.effects import Servo
 from smsid.effects.friction import depends_on_load

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.arm._smooth_motion import smooth_motion
 from smsid.arm.identify import rigid_arm
 from smsid.arm.joint_torques import block_length, joint_torques
 from smsid.arm.readings import MOTOR, measured_channel, with_joint_torque
 from smsid.arm.regression import solve_joints
-from smsid.arm.smooth_motion import smooth_motion
 from smsid.description import Description
 from smsid.effects import Gear
 from smsid.effects.gear import gears_of

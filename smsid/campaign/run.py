@@ -17,11 +17,11 @@ from typing import cast, get_args
 import joblib
 from threadpoolctl import threadpool_limits
 
-from smsid.campaign.backends import Backend, completed_runs, on_dask, on_processes
-from smsid.campaign.case import PREFIX, PreparedCampaign, prepare
-from smsid.campaign.methods import import_method
+from smsid.campaign._backends import Backend, completed_runs, on_dask, on_processes
+from smsid.campaign._case import PREFIX, PreparedCampaign, prepare
+from smsid.campaign._methods import import_method
+from smsid.campaign._plan import load_campaign
 from smsid.campaign.outcome import Findings, RunError, RunRecord
-from smsid.campaign.plan import load_campaign
 from smsid.campaign.store import CampaignStore, read_store
 from smsid.campaign.summary import Summary, save_summary, summarise
 from smsid.errors import ExperimentError

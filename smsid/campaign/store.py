@@ -16,7 +16,7 @@ import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from smsid._version import __version__
-from smsid.campaign.case import PreparedCampaign
+from smsid.campaign._case import PreparedCampaign
 from smsid.campaign.outcome import RunRecord
 from smsid.errors import SmsidError
 

@@ -45,7 +45,7 @@ class Variation(BaseModel):
         parameters: names of effect parameters (``tank.mass``), ``*`` and ``?`` allowed.
         links: names of links of the URDF (``<arm>/<link>`` on a mounted arm), ``*`` and ``?`` allowed. All
             ten inertial parameters are drawn so that the body stays physical (see
-            `smsid.campaign.inertias.drawn_inertia`).
+            `smsid.campaign._inertias.drawn_inertia`).
         relative: standard deviation relative to the described value [1]; the only one for links.
         sigma: standard deviation in the parameter's unit.
         range: uniform between two values in the parameter's unit.

@@ -200,7 +200,7 @@ def resample_command(
 
 def _refuse_unusable(recording: Recording) -> Recording:
     """Refuse what no sensor and no clock reads; samples that are missing stay missing, and are told."""
-    from smsid.recording._checks import check_clocks, check_finite
+    from smsid.recording.channel_checks import check_clocks, check_finite
 
     check_clocks(recording)
     check_finite(recording, missing=True)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2, norm
 
-from smsid.comparison.added_body import Propellant, added_body
-from smsid.comparison.common_basis import Common, common_basis
-from smsid.comparison.explanations import Differences, Explained, explain
+from smsid.comparison._added_body import Propellant, added_body
+from smsid.comparison._common_basis import Common, common_basis
+from smsid.comparison._explanations import Differences, Explained, explain
 from smsid.comparison.result import LEVEL, Comparison, Finding, FindingQuantity, ParameterChange
 from smsid.description.schema import Description
 from smsid.effects.base import AXES, Effect, catalogue

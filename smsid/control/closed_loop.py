@@ -15,15 +15,15 @@ import joblib
 import numpy as np
 import pinocchio as pin
 
-from smsid.control.attitude import attitude_errors
-from smsid.control.compiled_flight import PLAIN, CompiledFlight
+from smsid.control._attitude import attitude_errors
+from smsid.control._compiled_flight import PLAIN, CompiledFlight
+from smsid.control._sensed import SensedState, measured_truth
+from smsid.control._wheels import WheelLayout
 from smsid.control.gains import Gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
-from smsid.control.sensed import SensedState, measured_truth
 from smsid.control.trajectory import Motion
 from smsid.control.weights import in_band
-from smsid.control.wheels import WheelLayout
 from smsid.errors import ControlError
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.sensing.sensor import Sensor

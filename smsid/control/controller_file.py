@@ -15,11 +15,11 @@ import numpy as np
 from smsid._files import atomic_write
 from smsid._reading import SCHEMA_VERSION, reading_document
 from smsid._version import __version__
+from smsid.control._statespace import StateSpace
 from smsid.control.design import ControllerDesign, DesignRequest
 from smsid.control.gains import Gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics
-from smsid.control.statespace import StateSpace
 from smsid.control.trajectory import Motion
 from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.errors import ControlError

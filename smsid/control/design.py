@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid.control._robust import Pole, flexible_plant, refuse_unstable
+from smsid.control._uncertain_plant import uncertain_plant
+from smsid.control._wheels import WheelLayout
 from smsid.control.closed_loop import left_out, sensor_noise, sensor_sigma
 from smsid.control.gains import gains
 from smsid.control.identified_model import IdentifiedModel, identified_level, identified_model, inertia_at
 from smsid.control.reduced import ReducedDynamics
-from smsid.control.robust import Pole, flexible_plant, refuse_unstable
 from smsid.control.robust_term import RobustTerm, guarded_term
 from smsid.control.robustness import Robustness, robust_stability
 from smsid.control.trajectory import PAPER_ACCELERATION, Reference, check_joints, design_motion
 from smsid.control.tuning import Demands, TuningResult, natural_modes, tuned_gains
-from smsid.control.uncertain_plant import uncertain_plant
 from smsid.control.weights import weights_from_level
-from smsid.control.wheels import WheelLayout
 from smsid.description.schema import Description
 from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate

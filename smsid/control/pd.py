@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.control.attitude import Coordinates, attitude_error
+from smsid.control._attitude import Coordinates, attitude_error
+from smsid.control._statespace import StateSpace
 from smsid.control.gains import Gains
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust_term import RobustTerm
-from smsid.control.statespace import StateSpace
 from smsid.control.trajectory import Motion
 from smsid.errors import ControlError
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from smsid.control._sensed import SensedState
 from smsid.control.closed_loop import Actuators, TrackingRun, tracking_of
 from smsid.control.controller_file import SavedController
-from smsid.control.sensed import SensedState
 from smsid.control.trajectory import Motion, Reference, check_joints
 from smsid.experiments.fly import FlownExperiment, check_plausible, check_sensors, clock_lead, record_motion
 from smsid.experiments.schema import Experiment

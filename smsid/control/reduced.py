@@ -25,7 +25,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from smsid.control.wheels import WheelLayout
+from smsid.control._wheels import WheelLayout
 from smsid.errors import ControlError
 from smsid.model.spacecraft import JointGroup, SpacecraftModel, set_group_angles
 

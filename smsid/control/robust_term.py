@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smsid.control._hinfinity import Plant, Synthesis, feasible, synthesize
+from smsid.control._robust import FlexiblePlant, Pole, least_damping, named_poles
+from smsid.control._statespace import StateSpace, hinf_norm, lower_lft, stack
 from smsid.control.gains import Gains
-from smsid.control.hinfinity import Plant, Synthesis, feasible, synthesize
-from smsid.control.robust import FlexiblePlant, Pole, least_damping, named_poles
-from smsid.control.statespace import StateSpace, hinf_norm, lower_lft, stack
 from smsid.control.weights import ROLL_OFF, SLOWEST, DesignWeights
 from smsid.errors import ControlError
 

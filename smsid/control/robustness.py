@@ -1,6 +1,6 @@
 """Robust stability over what an estimate leaves open: mu from both sides, worst parameters, samples.
 
-Sources: `smsid.control.mu` for the upper bound (Fan, Tits and Doyle 1991); the lower one is a plant that was
+Sources: `smsid.control._mu` for the upper bound (Fan, Tits and Doyle 1991); the lower one is a plant that was
 found.
 """
 
@@ -13,10 +13,10 @@ from functools import partial
 import numpy as np
 
 from smsid._statistics import NORMAL95
+from smsid.control._mu import mu_upper_bound
+from smsid.control._statespace import StateSpace
+from smsid.control._uncertain_plant import UncertainPlant
 from smsid.control.gains import Gains
-from smsid.control.mu import mu_upper_bound
-from smsid.control.statespace import StateSpace
-from smsid.control.uncertain_plant import UncertainPlant
 from smsid.errors import ControlError
 
 BACKGROUND = np.logspace(-3.0, 2.0, 16)  # [rad/s], beside the loop's own frequencies

@@ -17,9 +17,9 @@ import numpy as np
 from scipy.linalg import eigh, solve_continuous_lyapunov
 
 from smsid._statistics import NORMAL95
+from smsid.control._robust import FlexiblePlant, Pole, named_poles, reduced_mass
+from smsid.control._uncertain_plant import UncertainPlant
 from smsid.control.gains import Gains, gains
-from smsid.control.robust import FlexiblePlant, Pole, named_poles, reduced_mass
-from smsid.control.uncertain_plant import UncertainPlant
 from smsid.errors import ControlError
 
 CLEARANCE = 1.25

@@ -3,9 +3,9 @@
 Beside them the small demonstration that comes with the package, see `demonstration`.
 """
 
+from smsid.datasets._fetch import DATASETS, DataFile, DataSet, data_set, fetch, have, sha256
+from smsid.datasets._recordings import antisloshing, cessipy_slab, silverbox, tx40
 from smsid.datasets.demonstration import Demonstration, demonstration
-from smsid.datasets.fetch import DATASETS, DataFile, DataSet, data_set, fetch, have, sha256
-from smsid.datasets.recordings import antisloshing, cessipy_slab, silverbox, tx40
 
 __all__ = [
     "DATASETS",

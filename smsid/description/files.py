@@ -13,7 +13,7 @@ from smsid._explain import validate_tables
 from smsid._files import atomic_write, with_sum
 from smsid._reading import read_toml
 from smsid._xacro_arguments import given_arguments
-from smsid.description.finite_elements import with_finite_elements
+from smsid.description._finite_elements import with_finite_elements
 from smsid.description.robot_sources import SUFFIXES, is_xacro
 from smsid.description.schema import Description
 from smsid.description.urdf_check import read_urdf

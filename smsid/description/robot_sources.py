@@ -48,11 +48,11 @@ def robot_xml(path: Path, arguments: Mapping[str, str] | None = None, folders: S
     if is_xacro(path):
         return without_world(expand_xacro(path, arguments or {}, folders), str(path))
     if path.suffix == ".mjcf" or (re.search(rb"<mujoco[\s>]", bare) and not re.search(rb"<robot[\s>]", bare)):
-        from smsid.description.mjcf_reading import mjcf_to_urdf
+        from smsid.description._mjcf_reading import mjcf_to_urdf
 
         return mjcf_to_urdf(path)
     if path.suffix == ".sdf" or re.search(rb"<sdf[\s>]", bare):
-        from smsid.description.sdf_reading import sdf_to_urdf
+        from smsid.description._sdf_reading import sdf_to_urdf
 
         return sdf_to_urdf(content, str(path))
     return without_world(content, str(path))

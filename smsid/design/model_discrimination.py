@@ -17,9 +17,9 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid._threads import single_threaded
 from smsid.description.schema import Description
-from smsid.design.limits import Limits
-from smsid.design.minimum_time import Progress, Watch
-from smsid.design.trials import Trials, families
+from smsid.design._limits import Limits
+from smsid.design._minimum_time import Progress, Watch
+from smsid.design._trials import Trials, families
 from smsid.diagnose.diagnose import RATE
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import Nominal, nominal

@@ -12,22 +12,19 @@ from threadpoolctl import threadpool_limits
 
 from smsid._short_repr import short_repr
 from smsid.description.schema import Description
-from smsid.diagnose.extended_description import extended_point, with_inertial_shifts
-from smsid.diagnose.hidden_start import (
+from smsid.diagnose._extended_description import extended_point, with_inertial_shifts
+from smsid.diagnose._hidden_start import (
     likelier_start,
     rest_is_likelier,
     start_beside_causes,
     with_likely_start,
 )
-from smsid.diagnose.hold_rivals import as_inputs_act
-from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.noise_covariance import FOLLOWED
-from smsid.diagnose.open_loop import unexplained_fraction
-from smsid.diagnose.outliers import of_white_components, outliers, recount_outliers
-from smsid.diagnose.priors import nominal
-from smsid.diagnose.profile_intervals import with_profile_intervals
-from smsid.diagnose.result import Diagnosis, FoundCause, Value
-from smsid.diagnose.sensor_faults import (
+from smsid.diagnose._hold_rivals import as_inputs_act
+from smsid.diagnose._noise_covariance import FOLLOWED
+from smsid.diagnose._open_loop import unexplained_fraction
+from smsid.diagnose._outliers import of_white_components, outliers, recount_outliers
+from smsid.diagnose._profile_intervals import with_profile_intervals
+from smsid.diagnose._sensor_faults import (
     Fault,
     drop_samples,
     inflate_for_quantisation,
@@ -35,8 +32,11 @@ from smsid.diagnose.sensor_faults import (
     resting_channels,
     stuck_channels,
 )
+from smsid.diagnose._standing_causes import find_standing_causes
+from smsid.diagnose.hypotheses import propose
+from smsid.diagnose.priors import nominal
+from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.specification_tests import PAST, open_joints
-from smsid.diagnose.standing_causes import find_standing_causes
 from smsid.diagnose.stepwise import Search, search
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque import diagnose_torques, torques_were_measured
@@ -65,7 +65,7 @@ from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise
 from smsid.identify.estimate import Estimate
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
-from smsid.recording._checks import Contradictions
+from smsid.recording.channel_checks import Contradictions
 
 LOGGER = logging.getLogger(__name__)
 RATE = 25.0  # [Hz]

@@ -12,13 +12,13 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ValidationError
 
-from smsid.diagnose.added_oscillator import AddedOscillatorHypothesis, OscillatorHypothesis
-from smsid.diagnose.described_effects import from_described
-from smsid.diagnose.gravity_gradient_hypothesis import GravityGradientHypothesis
-from smsid.diagnose.profiled_hypothesis import Imbalance, LeakHypothesis
+from smsid.diagnose._added_oscillator import AddedOscillatorHypothesis, OscillatorHypothesis
+from smsid.diagnose._described_effects import from_described
+from smsid.diagnose._gravity_gradient_hypothesis import GravityGradientHypothesis
+from smsid.diagnose._profiled_hypothesis import Imbalance, LeakHypothesis
+from smsid.diagnose._threshold_hypothesis import ThresholdHypothesis
+from smsid.diagnose._truncated_mode import HigherMode
 from smsid.diagnose.score_test import Candidate, recast
-from smsid.diagnose.threshold_hypothesis import ThresholdHypothesis
-from smsid.diagnose.truncated_mode import HigherMode
 from smsid.effects.appendage import Appendage
 from smsid.effects.base import Effect, catalogue, known_effect
 from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, fields_of

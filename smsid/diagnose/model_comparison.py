@@ -12,11 +12,11 @@ from math import comb
 import numpy as np
 from scipy.stats import chi2
 
-from smsid.diagnose.plausibility import impossible_fit
-from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
+from smsid.diagnose._plausibility import impossible_fit
+from smsid.diagnose._profiled_hypothesis import ResolvedHypothesis
+from smsid.diagnose._wald_test import chance_of_nothing
 from smsid.diagnose.score_test import Candidate, Score, can_do_the_same, correlation, odds
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
-from smsid.diagnose.wald_test import chance_of_nothing
 from smsid.errors import SmsidError
 from smsid.estimation.map_estimate import NEARLY_AT_REST, MapFit, fit, within_reach
 from smsid.estimation.parameter_vector import Unknown

@@ -12,9 +12,8 @@ from itertools import chain
 import numpy as np
 
 from smsid._short_repr import short_repr
-from smsid.diagnose.forward_step import SearchState
-from smsid.diagnose.model_comparison import Cause, with_further
-from smsid.diagnose.noise_covariance import (
+from smsid.diagnose._forward_step import SearchState
+from smsid.diagnose._noise_covariance import (
     FOLLOWED,
     InflatedFit,
     but_for_one,
@@ -24,7 +23,12 @@ from smsid.diagnose.noise_covariance import (
     strays_by_row,
     with_levels,
 )
-from smsid.diagnose.open_loop import unexplained_fraction
+from smsid.diagnose._open_loop import unexplained_fraction
+from smsid.diagnose._step_size_check import refine_steps
+from smsid.diagnose._strong_causes import coarse_cause
+from smsid.diagnose._unknown_input import unknown_input_tests
+from smsid.diagnose._unknown_structure import unknown_structures
+from smsid.diagnose.model_comparison import Cause, with_further
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import (
     PAST,
@@ -33,11 +37,7 @@ from smsid.diagnose.specification_tests import (
     band_tests,
     is_at,
 )
-from smsid.diagnose.step_size_check import refine_steps
-from smsid.diagnose.strong_causes import coarse_cause
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
-from smsid.diagnose.unknown_input import unknown_input_tests
-from smsid.diagnose.unknown_structure import unknown_structures
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.map_estimate import MapFit, continue_fit, fit
 from smsid.estimation.parameter_vector import Point, Unknown

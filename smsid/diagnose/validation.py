@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.diagnose.hidden_start import start_like
-from smsid.diagnose.open_loop import open_loop
-from smsid.diagnose.outliers import outliers
+from smsid.diagnose._hidden_start import start_like
+from smsid.diagnose._open_loop import open_loop
+from smsid.diagnose._outliers import outliers
+from smsid.diagnose._sensor_faults import Fault, drop_samples, stuck_channels
 from smsid.diagnose.priors import sensor_errors
-from smsid.diagnose.sensor_faults import Fault, drop_samples, stuck_channels
 from smsid.errors import SmsidError
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.input_hold import locked_coordinates

@@ -11,16 +11,16 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid._statistics import NORMAL95
-from smsid.diagnose.change_time_posterior import Began, onset_posteriors
+from smsid.diagnose._change_time_posterior import Began, onset_posteriors
+from smsid.diagnose._noise_covariance import strays_by_row
+from smsid.diagnose._plausibility import impossible
+from smsid.diagnose._wald_test import strengths, wald
 from smsid.diagnose.model_comparison import Cause, own_component
-from smsid.diagnose.noise_covariance import strays_by_row
-from smsid.diagnose.plausibility import impossible
 from smsid.diagnose.result import Alias, FoundCause, Limit, SignificantTest, Value, Verdict
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.wald_test import strengths, wald
 from smsid.estimation.joint_problem import on_own_clock
 from smsid.estimation.parameter_vector import Unknown
 

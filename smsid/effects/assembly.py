@@ -174,7 +174,7 @@ class Assembly:
             index = self.model.addJoint(parent, joint, offset * placement, name)
         elif self.model.existFrame(name, pin.FrameType.JOINT):
             raise DescriptionError(f"Two joints are named '{name}'.", advice="Rename the effect or wheel.")
-        else:  # the model has room for it (`smsid.model.joint_order`)
+        else:  # the model has room for it (`smsid.model._joint_order`)
             index = self.model.getJointId(name)
         self.model.addJointFrame(index)
         return index

@@ -1,4 +1,4 @@
-"""Forces that few coordinates decide, each by a law that compiled code knows, too (`smsid.kernel.forces`)."""
+"""Forces that few coordinates decide, each by a law that compiled code knows too (`smsid.kernel._forces`)."""
 
 from __future__ import annotations
 

@@ -11,14 +11,14 @@ import numpy as np
 from scipy.special import expit
 
 from smsid.errors import SmsidError
+from smsid.estimation._normal_equations import NormalEquations, log_likelihood_of, normal_equations
+from smsid.estimation._trust_region import bounded_step, predicted_gain
 from smsid.estimation.flight import Flight
 from smsid.estimation.input_hold import VARYING
 from smsid.estimation.input_timing import CLEAR_GAIN, HOPELESS_LOSS, PARTS, timings
 from smsid.estimation.loosening import MOST_SAMPLES
-from smsid.estimation.normal_equations import NormalEquations, log_likelihood_of, normal_equations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import CommandTiming
-from smsid.estimation.trust_region import bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 SHARE, FURTHEST = 1.0 / 3.0, 6  # of its walk that a torque is tried with next, and how often

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.estimation._measurement_model import MeasurementModel
 from smsid.estimation.filter_pass import REGULARISATION, Instance
-from smsid.estimation.measurement_model import MeasurementModel
 from smsid.kernel import columns as c
 from smsid.kernel.arrays import Force, in_axes_of_table, row_of
 from smsid.kernel.filter_arrays import Model, StateParameters, TreeTables

@@ -15,7 +15,7 @@ from scipy.linalg import lapack
 
 from smsid._time_text import time_text
 from smsid.errors import SimulationError
-from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation._measurement_model import MeasurementModel
 from smsid.estimation.measurements import Measurements, matrix, reading_errors
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import UnknownForces

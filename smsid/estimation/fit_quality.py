@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.special import chdtrc
 
-from smsid.estimation.prior_conflict import PriorConflict, prior_conflict
+from smsid.estimation._prior_conflict import PriorConflict, prior_conflict
 
 if TYPE_CHECKING:
-    from smsid.estimation.normal_equations import InnovationSums, NormalEquations
-    from smsid.estimation.scale_conflict import ScaleConflict
+    from smsid.estimation._normal_equations import InnovationSums, NormalEquations
+    from smsid.estimation._scale_conflict import ScaleConflict
 
 LOUD_RATIO = 1.5  # times its stated noise that a channel may leave: data sheets are no better
 WRONG_RATIO = 3.0  # times beyond which the model does not explain a channel

@@ -10,8 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.errors import RecordingError
+from smsid.estimation._followed_torques import followed_torques
+from smsid.estimation._sensor_uncertainty import reading_uncertainty
+from smsid.estimation._torque_walk import UNKNOWN_FACTOR
 from smsid.estimation.bias_walk import bias_walks, with_walk_noise
-from smsid.estimation.followed_torques import followed_torques
 from smsid.estimation.initial_state import InitialPrior, initial_belief
 from smsid.estimation.input_hold import (
     SHARES,
@@ -30,8 +32,6 @@ from smsid.estimation.measurements import (
 )
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise, UnknownInput
-from smsid.estimation.sensor_uncertainty import reading_uncertainty
-from smsid.estimation.torque_walk import UNKNOWN_FACTOR
 from smsid.identify.sensor_correction import without_known_errors
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel

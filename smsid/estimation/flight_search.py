@@ -9,25 +9,25 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError, SmsidError
+from smsid.estimation._contradictions import contradiction_error, contradictions_of_separate
+from smsid.estimation._differences import derivatives_hold
+from smsid.estimation._likeliest_torques import are_told_by_torques, with_likeliest_motion, with_mean_torques
+from smsid.estimation._maximum import equations_at_maximum, has_converged, maximise
+from smsid.estimation._normal_equations import NormalEquations, objective_of
+from smsid.estimation._restart import guess_sigma, likeliest_of_restarts
+from smsid.estimation._trust_region import bounded_step, predicted_gain
 from smsid.estimation.commands_between_samples import (
     as_commands_act,
     likelihood_with_own_walks,
     with_timing,
 )
-from smsid.estimation.contradictions import contradiction_error, contradictions_of_separate
-from smsid.estimation.differences import derivatives_hold
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight
 from smsid.estimation.inertial_combinations import reported_parameters
-from smsid.estimation.likeliest_torques import are_told_by_torques, with_likeliest_motion, with_mean_torques
 from smsid.estimation.loosening import FIRST_SHARE, SHARE_RATIO, likeliest_share, loosen_model, thin_flight
-from smsid.estimation.maximum import equations_at_maximum, has_converged, maximise
 from smsid.estimation.moving_start import with_moving_start
-from smsid.estimation.normal_equations import NormalEquations, objective_of
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.restart import guess_sigma, likeliest_of_restarts
 from smsid.estimation.step_size import finely_stepped
-from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.likelihood.search import GROSS
 
 LOGGER = logging.getLogger(__name__)

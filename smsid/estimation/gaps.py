@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from smsid.estimation._sensor_uncertainty import reading_uncertainty
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import initial_belief
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem
-from smsid.estimation.sensor_uncertainty import reading_uncertainty
 
 GAP_INTERVALS = 3.0  # intervals between samples that are no gap
 FEWEST_SAMPLES = 5  # samples of a piece that is used

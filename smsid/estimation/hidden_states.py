@@ -10,11 +10,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from smsid.errors import SmsidError
+from smsid.estimation._normal_equations import NormalEquations, problem_at
+from smsid.estimation._smoother import SmoothedStates, smoothed_states
 from smsid.estimation.flight import Flight
 from smsid.estimation.identify_flights import FlightEstimate
-from smsid.estimation.normal_equations import NormalEquations, problem_at
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.smoother import SmoothedStates, smoothed_states
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
-from smsid.estimation.batch_check import (
+from smsid.estimation._batch_check import (
     batch_contradictions,
     batch_quality,
     channels_left,
     contradictions_one_by_one,
 )
-from smsid.estimation.contradictions import Contradiction, contradiction_error
+from smsid.estimation._contradictions import Contradiction, contradiction_error
 from smsid.estimation.fit_quality import FitQuality
 from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate
@@ -30,7 +30,7 @@ from smsid.likelihood.fit import ConvergenceError
 from smsid.likelihood.prior import Cad
 from smsid.likelihood.refine import Refinement, refine
 from smsid.recording import Recording
-from smsid.recording._attitude import turn_between
+from smsid.recording.attitude import turn_between
 from smsid.recording.checks import consistency_notes
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def identify_by_the_paper(
     """Return what the linear method finds, bending as ``printed``, the tracked point unknown to
     ``find_point``; it has no verdict on the fit, but columns that seem to be wrong are named.
     """
-    from smsid.estimation.mapping_check import follows
+    from smsid.estimation._mapping_check import follows
 
     modal = "printed" if printed else "smoother"
     linear = by_the_paper(description, recordings, modal=modal, refine_pose_point=find_point)
@@ -191,7 +191,7 @@ def _better_columns(description: Description, recordings: Sequence[Recording], b
     """Return which columns may be wrong where a fit is ``bad``."""
     if not bad:
         return []
-    from smsid.estimation.mapping_check import wrong_columns
+    from smsid.estimation._mapping_check import wrong_columns
 
     return wrong_columns(description, [_first_samples(r) for r in recordings])
 

@@ -13,9 +13,14 @@ from threadpoolctl import threadpool_limits
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError
+from smsid.estimation._contradictions import Contradiction, contradictions
+from smsid.estimation._exchange import distinct, likely_exchanges, with_exchanges
+from smsid.estimation._maximum import maximise
+from smsid.estimation._normal_equations import NormalEquations
+from smsid.estimation._profile_interval import bound_intervals
+from smsid.estimation._scale_conflict import scale_conflict
+from smsid.estimation._unread_start import with_unread_start
 from smsid.estimation.commands_between_samples import notes_on_commands, undecided_covariance
-from smsid.estimation.contradictions import Contradiction, contradictions
-from smsid.estimation.exchange import distinct, likely_exchanges, with_exchanges
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.flight_search import convergence_error, search_flights, settled_maximum
@@ -30,14 +35,9 @@ from smsid.estimation.likelihood_profile import (
     poorly_known,
 )
 from smsid.estimation.loosening import with_likeliest_error
-from smsid.estimation.maximum import maximise
-from smsid.estimation.normal_equations import NormalEquations
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.profile_interval import bound_intervals
-from smsid.estimation.scale_conflict import scale_conflict
 from smsid.estimation.unknowns import sensor_unknowns, unknowns_of
-from smsid.estimation.unread_start import with_unread_start
 from smsid.identify.estimate import Estimate, Iteration, ParameterEstimate, classify
 from smsid.identify.parameter_estimate import SECOND_VIEW, parse_combination
 from smsid.likelihood.combinations import Combination

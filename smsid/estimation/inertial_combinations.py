@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import qr
 
-from smsid.estimation.normal_equations import NormalEquations
+from smsid.estimation._normal_equations import NormalEquations
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.identify.momentum_rows import whole_bodies
 from smsid.identify.paper.exp2_result import kind_of

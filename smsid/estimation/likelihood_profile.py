@@ -19,12 +19,12 @@ from scipy.interpolate import PchipInterpolator
 
 from smsid._statistics import NORMAL95
 from smsid.errors import SmsidError
+from smsid.estimation._maximum import maximise
+from smsid.estimation._normal_equations import NormalEquations, normal_equations, objective_of
+from smsid.estimation._retraction import retract
+from smsid.estimation._trust_region import Quadratic, bounded_step, predicted_gain
 from smsid.estimation.flight import Flight
-from smsid.estimation.maximum import maximise
-from smsid.estimation.normal_equations import NormalEquations, normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.retraction import retract
-from smsid.estimation.trust_region import Quadratic, bounded_step, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 POORLY_KNOWN = 0.1  # standard deviation over value from which a parameter is put to the test

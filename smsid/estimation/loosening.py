@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from smsid.errors import SmsidError
+from smsid.estimation._normal_equations import log_likelihood_of
 from smsid.estimation.flight import Flight, longest_step, longest_substep
-from smsid.estimation.normal_equations import log_likelihood_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Problem, recordings_of
 from smsid.estimation.process_model import inverse_inertias

@@ -16,14 +16,14 @@ from scipy.stats import t as student
 
 from smsid._statistics import NORMAL95
 from smsid.errors import SimulationError
+from smsid.estimation._shape_errors import shape_errors
+from smsid.estimation._trust_region import bounded_step, descend, predicted_gain
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.joint_problem import at_point, sensitivities
 from smsid.estimation.kalman import run_filter
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate
-from smsid.estimation.shape_errors import shape_errors
-from smsid.estimation.trust_region import bounded_step, descend, predicted_gain
 
 LOGGER = logging.getLogger(__name__)
 ENOUGH_GAIN = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.errors import SimulationError
+from smsid.estimation._normal_equations import problem_at
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.flight import Flight
 from smsid.estimation.initial_state import InitialPrior
@@ -21,7 +22,6 @@ from smsid.estimation.input_timing import CLEAR_GAIN
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import KalmanFilter, hidden_coordinates, run_filter
 from smsid.estimation.loosening import loosen_model, thin_flight
-from smsid.estimation.normal_equations import problem_at
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Belief, MovingStart, Problem, recordings_of
 from smsid.model.spacecraft import SpacecraftModel

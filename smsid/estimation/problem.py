@@ -205,7 +205,7 @@ class Problem:
         SIAM J. Numer. Anal. 17 (1980) 883. A command is where torques wander about, no evidence for its own
         scale or for that of the readings. Where errors of inputs are noise, too, it is no measured motion's
         alone; and along what no torque has moved, there is nothing but noise to compare, which makes
-        inertias as small as it likes: see `smsid.estimation.likeliest_torques`.
+        inertias as small as it likes: see `smsid.estimation._likeliest_torques`.
         """
         followed = any(u.row >= 0 for u in self.unknown_inputs)
         return followed and not (self.noise.more or self.averaged)
@@ -215,7 +215,7 @@ class Problem:
         """Whether likelihoods that are `profiled` are those at the likeliest motion, of all readings.
 
         That is a minimum over states and torques, along which slopes are exact
-        (`smsid.estimation.smoothed_motion`). Else what was read of joints and wheels is given, and what is
+        (`smsid.estimation._smoothed_motion`). Else what was read of joints and wheels is given, and what is
         compared are the others beside: in a search, where readings that a wrong model leaves far off are not
         to lead.
         """

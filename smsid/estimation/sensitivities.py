@@ -11,11 +11,11 @@ import pinocchio as pin
 
 from smsid.effects.base import Effect
 from smsid.errors import NotIdentifiableError
+from smsid.estimation._measurement_model import MeasurementModel
 from smsid.estimation.bias_walk import unit_bias
 from smsid.estimation.filter_pass import AppliedForces, compiled_pays
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.kalman import applied_forces, driving_forces
-from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import Problem
 from smsid.estimation.process_model import ProcessModel

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from smsid.errors import SmsidError
+from smsid.estimation._maximum import maximise
+from smsid.estimation._normal_equations import NormalEquations, normal_equations
+from smsid.estimation._trust_region import bounded_step
 from smsid.estimation.flight import Flight
-from smsid.estimation.maximum import maximise
-from smsid.estimation.normal_equations import NormalEquations, normal_equations
 from smsid.estimation.problem import Problem
-from smsid.estimation.trust_region import bounded_step
 
 LOGGER = logging.getLogger(__name__)
 MOST_HALVINGS = 4  # times that steps are halved

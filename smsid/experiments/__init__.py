@@ -1,8 +1,8 @@
 """Experiments: what to fly so that the data identify the spacecraft."""
 
+from smsid.experiments._named import named_experiment
 from smsid.experiments.excitation import Excitation, fourier_experiment, momentum_condition, thrust_experiment
 from smsid.experiments.fly import FlownExperiment, LimitUse, fly, limit_use
-from smsid.experiments.named import named_experiment
 from smsid.experiments.schema import (
     ConstantProfile,
     Experiment,

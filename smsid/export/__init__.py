@@ -2,9 +2,9 @@
 
 from smsid._callable import make_callable
 from smsid.estimation.bodies import with_estimate
+from smsid.export._mjcf import write_mjcf
 from smsid.export.folder import Export, export_folder
 from smsid.export.linear_plant import linear_plant
-from smsid.export.mjcf import write_mjcf
 
 __all__ = [
     "Export",

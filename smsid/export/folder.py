@@ -23,7 +23,7 @@ from smsid.effects.assembly import find_frame
 from smsid.effects.inertial_parameters import pinocchio_inertia
 from smsid.errors import OutputError
 from smsid.estimation.bodies import IdentifiedBodies, identified_bodies, with_estimate
-from smsid.export.mjcf import counterparts, write_mjcf
+from smsid.export._mjcf import counterparts, write_mjcf
 from smsid.identify.estimate import Estimate
 from smsid.model import SpacecraftModel, build_model
 from smsid.model.load import load_bus, urdf_of

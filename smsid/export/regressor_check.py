@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.errors import SmsidError
-from smsid.export.mjcf import joint_name, write_mjcf
+from smsid.export._mjcf import joint_name, write_mjcf
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel

@@ -13,13 +13,13 @@ from smsid.description import load_description
 from smsid.diagnose import load_diagnosis
 from smsid.diagnose.result import Diagnosis
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.figures.canvas import COLOURS, picture, save
+from smsid.figures._canvas import COLOURS, picture, save
 from smsid.identify.estimate import Estimate, load_estimate
 from smsid.identify.estimate_text import asked_for
 from smsid.model import build_model
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording, load_recording
-from smsid.recording._checks import check_clocks
+from smsid.recording.channel_checks import check_clocks
 from smsid.report.axes import Axis
 from smsid.report.campaign import coverage_figures
 from smsid.report.diagnosis_map import diagnosis_map

@@ -11,6 +11,7 @@ from smsid._callable import make_callable
 from smsid._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from smsid.identify._tls import total_least_squares
     from smsid.identify.appendage_modes import panel_modes
     from smsid.identify.estimate import Estimate, ParameterEstimate, load_estimate, save_estimate
     from smsid.identify.paper.combined import combine
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from smsid.identify.paper.pipeline import Identification, identify
     from smsid.identify.paper.slosh_state import estimate_slosh
     from smsid.identify.ssi import ssi_cov
-    from smsid.identify.tls import total_least_squares
 
 __all__ = [
     "Estimate",

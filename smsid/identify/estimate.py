@@ -187,7 +187,7 @@ class Estimate:
 
     def to_json(self) -> str:
         """Return the JSON text; not-a-number is written as null."""
-        from smsid.identify.estimate_file import estimate_json
+        from smsid.identify._estimate_file import estimate_json
 
         return estimate_json(self)
 
@@ -293,6 +293,6 @@ def save_estimate(estimate: Estimate, path: str | os.PathLike[str]) -> None:
 
 def load_estimate(path: str | os.PathLike[str]) -> Estimate:
     """Load an estimate; raises `SmsidError` naming what is wrong with the file."""
-    from smsid.identify.estimate_file import read_estimate
+    from smsid.identify._estimate_file import read_estimate
 
     return read_estimate(Path(path))

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from smsid.recording import Recording
 from smsid.sensing import Sensor
-from smsid.sensing._signals import resample
 from smsid.sensing.component import place_of
 from smsid.sensing.error_model import ErrorModel
+from smsid.sensing.signals import resample
 
 ROUNDS = 20  # of a fixed-point iteration; what a scale that depends on the rate leaves shrinks by its size
 

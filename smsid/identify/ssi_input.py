@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from smsid.errors import NotIdentifiableError, SmsidError
+from smsid.identify._tls import triangular
 from smsid.identify.modes import Poles
 from smsid.identify.ssi import (
     block_hankel,
@@ -15,7 +16,6 @@ from smsid.identify.ssi import (
     observability_poles,
     signal_matrix,
 )
-from smsid.identify.tls import triangular
 
 CHUNK = 8192
 

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid.kernel import columns as c
-from smsid.kernel.forces import LAW, LAWS
+from smsid.kernel._forces import LAW, LAWS
 from smsid.kernel.jit import available
 from smsid.model.spacecraft import SpacecraftModel
 
@@ -32,7 +32,7 @@ SAME = 1e-14  # share by which the inertia of a balanced rotor may change as it 
 
 @runtime_checkable
 class Force(Protocol):
-    """A force that follows one of the `smsid.kernel.forces.LAWS`, with its ``numbers`` there, on the degrees
+    """A force that follows one of the `smsid.kernel._forces.LAWS`, with its ``numbers`` there, on the degrees
     of freedom ``rows`` of v, from ``start`` [s] on.
     """
 
@@ -178,13 +178,13 @@ def _tables_of_bodies(root: np.ndarray) -> np.ndarray:
 
 
 def _force_table(force: Force) -> np.ndarray:
-    """Return a force as `smsid.kernel.forces` has it."""
+    """Return a force as `smsid.kernel._forces` has it."""
     table = np.r_[LAWS.index(force.law), force.start, len(force.rows), force.rows, force.numbers]
     return np.r_[len(table) + 1.0, table]
 
 
 def _growth_table(own: Kernel, m: pin.Model, free: bool, term: Growth) -> np.ndarray:
-    """Return inertia that grows as `smsid.kernel.forces` has it."""
+    """Return inertia that grows as `smsid.kernel._forces` has it."""
     row = row_of(m, free, term.joint)
     growth = term.growth if row < 0 else in_axes_of_table(own, row, term.growth)
     table = np.r_[LAWS.index("growth"), term.begun, 0, row, 0.0, growth]
@@ -207,7 +207,7 @@ def in_axes_of_table(own: Kernel, row: int, theta: np.ndarray) -> np.ndarray:
 
 
 def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray:
-    """Return a beam as `smsid.kernel.beams` has it."""
+    """Return a beam as `smsid.kernel._beams` has it."""
     row = int(m.idx_vs[beam.parent] + m.nvs[beam.parent] - 1 - start) if beam.parent else -1
     still = row >= 0 and not own.tree[row, c.TURNING]  # what it carries is in bus axes then
     turn = own.bodies[row, c.ROTATION : c.ROTATION + 9].reshape(3, 3) if still else np.eye(3)
@@ -221,7 +221,7 @@ def _beam_table(own: Kernel, m: pin.Model, start: int, beam: Beam) -> np.ndarray
 
 
 def _rotor_table(own: Kernel, start: int, rotor: RotorTerm) -> np.ndarray:
-    """Return a rotor as `smsid.kernel.rotors` has it; what a body and an armature have of it, they get."""
+    """Return a rotor as `smsid.kernel._rotors` has it; what a body and an armature have of it, they get."""
     row, twist = rotor.link - start, -1 if rotor.gear is None else rotor.gear - start
     parent, counted = own.tree[row, c.PARENT], 0.0 if rotor.in_link else 1.0
     own.bodies[row, c.ARMATURE] += counted * rotor.inertia

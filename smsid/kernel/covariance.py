@@ -6,8 +6,8 @@ from math import log, sqrt
 
 import numpy as np
 
+from smsid.kernel._spatial import cross, three
 from smsid.kernel.jit import compile_inner
-from smsid.kernel.spatial import cross, three
 
 LONGEST, MOST = 0.5, 12  # of the fastest motion's time constant that a step may be; halvings of it
 

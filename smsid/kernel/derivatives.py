@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.kernel.beams import ZERO, add_beam_derivatives
-from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FORCES, FREE, PARENT, ROTORS, STIFFNESS, TIME
-from smsid.kernel.forces import UNITS, add_forces, add_tides
-from smsid.kernel.jit import compile_inner, compiled_and_cached
-from smsid.kernel.motion import start_of_chart
-from smsid.kernel.rotors import add_rotor_derivatives
-from smsid.kernel.spatial import (
+from smsid.kernel._beams import ZERO, add_beam_derivatives
+from smsid.kernel._forces import UNITS, add_forces, add_tides
+from smsid.kernel._motion import start_of_chart
+from smsid.kernel._rotors import add_rotor_derivatives
+from smsid.kernel._spatial import (
     bracket,
     cross,
     dot,
@@ -28,7 +26,9 @@ from smsid.kernel.spatial import (
     transposed,
     wrench,
 )
-from smsid.kernel.tree import acceleration, outward, workspace
+from smsid.kernel._tree import acceleration, outward, workspace
+from smsid.kernel.columns import ARMATURE, BEAMS, DAMPING, FORCES, FREE, PARENT, ROTORS, STIFFNESS, TIME
+from smsid.kernel.jit import compile_inner, compiled_and_cached
 
 
 @compile_inner

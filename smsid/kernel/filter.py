@@ -10,6 +10,9 @@ from math import sqrt
 import numpy as np
 
 from smsid.kernel import columns
+from smsid.kernel._forces import take_force_derivatives
+from smsid.kernel._motion import chart_velocity, move, start_of_chart
+from smsid.kernel._tree import acceleration, workspace
 from smsid.kernel.columns import FORCES, FREE, TIME
 from smsid.kernel.covariance import (
     add_square,
@@ -22,11 +25,8 @@ from smsid.kernel.covariance import (
     transposed_into,
 )
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
-from smsid.kernel.forces import take_force_derivatives
 from smsid.kernel.jit import compile_inner, compiled_and_cached
-from smsid.kernel.motion import chart_velocity, move, start_of_chart
 from smsid.kernel.readings import ATTITUDE, add_twists, read, residual, rotation_vector
-from smsid.kernel.tree import acceleration, workspace
 
 BACK = 2  # times that a late reading is carried back: a third would change it by the fifth order of its delay
 DONE = -1  # what `run` returns where no sample was lost

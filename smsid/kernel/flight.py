@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smsid.kernel._motion import start_of_chart
+from smsid.kernel._spatial import cross, dot, plus, three, times_vector, transposed
+from smsid.kernel._tree import assemble, workspace
 from smsid.kernel.columns import TIME
 from smsid.kernel.jit import compile_inner, compiled_and_cached
-from smsid.kernel.motion import start_of_chart
-from smsid.kernel.spatial import cross, dot, plus, three, times_vector, transposed
 from smsid.kernel.steps import held_steps
-from smsid.kernel.tree import assemble, workspace
 
 ATTITUDE, SPIN = 0, 9  # columns of what is seen: a rotation, rates, then joint angles, their rates, wheels'
 FLOWN, COMMAND, STEP = range(3)  # why a flight ends: it is done, a command or a step is left to the caller
@@ -313,7 +313,7 @@ def command_of(law, craft, seen, wanted, work, angles, v, a, bias, full, system,
 def drive(craft, command, v, period, motors, hits, out):
     """Write the generalised forces of a command (s,) within the limits into ``out`` (nv,).
 
-    As `smsid.control.wheels.WheelLayout.allocate`; ``hits`` (2 w + n,) counts torque and rate limits of
+    As `smsid.control._wheels.WheelLayout.allocate`; ``hits`` (2 w + n,) counts torque and rate limits of
     wheels and those of joints. Returns whether it could: redundant wheels at their torque could share it.
     """
     w, n, largest = len(craft.wheels), len(craft.arm), 0.0

@@ -6,10 +6,10 @@ from math import isfinite, sqrt
 
 import numpy as np
 
+from smsid.kernel._motion import start_of_chart
+from smsid.kernel._tree import assemble, workspace
 from smsid.kernel.columns import COUPLED, FREE
 from smsid.kernel.jit import compile_inner, compiled_and_cached
-from smsid.kernel.motion import start_of_chart
-from smsid.kernel.tree import assemble, workspace
 
 
 @compile_inner

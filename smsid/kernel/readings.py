@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smsid.kernel._spatial import cross, dot, plus, three, turned
+from smsid.kernel._tree import assemble, solve_tree
 from smsid.kernel.columns import FREE
 from smsid.kernel.jit import compile_inner
-from smsid.kernel.spatial import cross, dot, plus, three, turned
-from smsid.kernel.tree import assemble, solve_tree
 
 ANGLE, TURN_RATE = range(2)  # kinds of scalar readings
 COMPLIANCE, GAP = range(2)  # laws of a gear that gives at once

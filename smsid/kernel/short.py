@@ -7,10 +7,10 @@ from math import sqrt
 import numpy as np
 from scipy.integrate import RK45
 
+from smsid.kernel._motion import chart_velocity, move, start_of_chart
+from smsid.kernel._tree import acceleration, workspace
 from smsid.kernel.columns import FREE, TIME
 from smsid.kernel.jit import compile_inner, compiled_and_cached
-from smsid.kernel.motion import chart_velocity, move, start_of_chart
-from smsid.kernel.tree import acceleration, workspace
 
 SHORT = 0.5  # of the planned step: an end nearer than that is reached by the fifth order
 STEP_ANGLE = 1.0  # [rad] turn of the bus in one step at most

@@ -6,12 +6,12 @@ from math import sqrt
 
 import numpy as np
 
+from smsid.kernel._forces import add_forces, add_tides
+from smsid.kernel._motion import chart_velocity, move, move_bus, start_of_chart
+from smsid.kernel._spatial import cross, dot, plus, six, three, turned, wrench
+from smsid.kernel._tree import outward, workspace
 from smsid.kernel.columns import ARMATURE, DAMPING, FORCES, FREE, GRAVITY, STIFFNESS, TIME
-from smsid.kernel.forces import add_forces, add_tides
 from smsid.kernel.jit import compile_inner, compiled_and_cached
-from smsid.kernel.motion import chart_velocity, move, move_bus, start_of_chart
-from smsid.kernel.spatial import cross, dot, plus, six, three, turned, wrench
-from smsid.kernel.tree import outward, workspace
 
 DOUBT = 0.05  # of the change of the velocities; a motion of frequency w has (w h)^2 / 12
 SMALL = 1e-6  # [m/s, rad/s] error of the velocities that does not count

@@ -19,9 +19,8 @@ from smsid.identify.modes import IdentifiedMode, Poles
 from smsid.identify.ssi import block_hankel, checked_orders, observability_poles
 from smsid.identify.ssi_decimate import decimate, filter_length
 from smsid.identify.stabilisation import Stability, stable_modes, stable_poles
-from smsid.lab.decay import mode_parameters
-from smsid.lab.output_spectra import band_kurtosis, correlation_window, spectral_lines
-from smsid.lab.window_agreement import (
+from smsid.lab._output_spectra import band_kurtosis, correlation_window, spectral_lines
+from smsid.lab._window_agreement import (
     RESAMPLED_ORDERS,
     finest_windows,
     group_modes,
@@ -29,6 +28,7 @@ from smsid.lab.window_agreement import (
     resampled_scatter,
     sigma_over_windows,
 )
+from smsid.lab.decay import mode_parameters
 
 ORDERS = tuple(range(4, 42, 2))
 WINDOWS = tuple(float(w) for w in np.geomspace(0.15, 3.0, 12))

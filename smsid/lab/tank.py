@@ -17,9 +17,9 @@ from smsid.arm.regression import correlation_lags
 from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.estimate import Estimate, classify
 from smsid.identify.robust import hac_covariance
-from smsid.recording._clock import check_order
-from smsid.recording._resampling import linear
+from smsid.recording.clock import check_order
 from smsid.recording.lag import Lag, estimate_lag
+from smsid.recording.resampling import linear
 from smsid.sensing.filters import zero_phase
 
 logger = logging.getLogger(__name__)

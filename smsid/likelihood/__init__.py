@@ -1,8 +1,8 @@
 """Maximum likelihood: refinement of the linear estimate to the Cramer-Rao bound, and that bound itself."""
 
-from smsid.likelihood.fisher import fisher_information
+from smsid.likelihood._fisher import fisher_information
+from smsid.likelihood._profile import profile_interval
 from smsid.likelihood.nuisance_parameters import Nuisance
-from smsid.likelihood.profile import profile_interval
 from smsid.likelihood.refine import Refinement, refine
 
 __all__ = [

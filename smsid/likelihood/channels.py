@@ -17,7 +17,7 @@ from smsid.likelihood.time_grid import POINTS, Timeline
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import find_appendage
 from smsid.recording import Recording
-from smsid.recording._attitude import turn_between
+from smsid.recording.attitude import turn_between
 from smsid.sensing import Sensor
 
 QUANTITIES = ("position", "attitude", "velocity", "angular_rate", "acceleration")

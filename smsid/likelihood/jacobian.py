@@ -12,15 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid.likelihood._elimination import EliminatedMotion, Form, eliminate
+from smsid.likelihood._linearised import POSE
+from smsid.likelihood._outputs import Kinematics
+from smsid.likelihood._sensitivity import NodeSensitivity, TransitionPart, VariationalEquations, variation
 from smsid.likelihood.channels import Channel
-from smsid.likelihood.elimination import EliminatedMotion, Form, eliminate
-from smsid.likelihood.linearised import POSE
 from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, SWITCH, NuisanceIndex, NuisanceValues
-from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction
 from smsid.likelihood.recording_term import RecordingTerm
-from smsid.likelihood.sensitivity import NodeSensitivity, TransitionPart, VariationalEquations, variation
 from smsid.likelihood.spline import WINDOW
 from smsid.likelihood.time_grid import POINTS
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack, solve_triangular
 
 from smsid.errors import NotIdentifiableError
-from smsid.likelihood.elimination import EliminatedMotion
+from smsid.likelihood._elimination import EliminatedMotion
 from smsid.likelihood.jacobian import normal
 from smsid.likelihood.point import Evaluation
 from smsid.likelihood.prior import Prior

@@ -11,6 +11,9 @@ from scipy.sparse import csr_array
 
 from smsid.identify.sensor_correction import correct_readings
 from smsid.identify.valid_samples import outliers
+from smsid.likelihood._input_noise import with_input_noise
+from smsid.likelihood._outputs import Kinematics
+from smsid.likelihood._readings import Agreement, agreement, agreement_cost, refit_coefficients
 from smsid.likelihood.channels import (
     Channel,
     common_span,
@@ -19,7 +22,6 @@ from smsid.likelihood.channels import (
     on_timeline,
     usable_channels,
 )
-from smsid.likelihood.input_noise import with_input_noise
 from smsid.likelihood.inputs import DrivenMotion, measured_drive
 from smsid.likelihood.nuisance_parameters import (
     CLOCK_KINDS,
@@ -34,10 +36,8 @@ from smsid.likelihood.nuisance_parameters import (
     slots_of,
     values,
 )
-from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.prediction import Prediction, applied_forces, predict
-from smsid.likelihood.readings import Agreement, agreement, agreement_cost, refit_coefficients
 from smsid.likelihood.spline import FittedMotion
 from smsid.likelihood.time_grid import Timeline
 from smsid.model.column_order import order_columns

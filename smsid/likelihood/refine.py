@@ -18,15 +18,15 @@ from smsid.identify.momentum_rows import carried_matrix
 from smsid.identify.paper.pipeline import Identification
 from smsid.identify.sensor_correction import without_known_errors
 from smsid.identify.stationary_joints import StationaryJoints, taken_away
+from smsid.likelihood._knots import motion_ratio, refined_motion, resolve_motion
+from smsid.likelihood._null_space import UnseenDirection, unseen_directions
+from smsid.likelihood._null_space import notes as unseen_notes
 from smsid.likelihood.combinations import Combination, effects_and_mass, inertial
 from smsid.likelihood.consistent import consistent_inertias
 from smsid.likelihood.fit import Fit, history_of
 from smsid.likelihood.initial_guess import best_start, candidates
-from smsid.likelihood.knots import motion_ratio, refined_motion, resolve_motion
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.nuisance_parameters import Nuisance
-from smsid.likelihood.null_space import UnseenDirection, unseen_directions
-from smsid.likelihood.null_space import notes as unseen_notes
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import Evaluation, SearchPoint
 from smsid.likelihood.prediction import Prediction

@@ -9,10 +9,10 @@ import numpy as np
 
 from smsid.errors import NotIdentifiableError, SimulationError
 from smsid.identify.estimate import ParameterEstimate, classify
+from smsid.likelihood._profile import not_gaussian, profile_of
 from smsid.likelihood.combinations import Combination
 from smsid.likelihood.fit import Fit
 from smsid.likelihood.prior import Prior
-from smsid.likelihood.profile import not_gaussian, profile_of
 
 METHOD = "maximum_likelihood"
 UNSEEN = "the data do not see it"

@@ -8,17 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid.errors import NotIdentifiableError
-from smsid.likelihood.channels import Channel, described_sigma
-from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, Iterate, fit
-from smsid.likelihood.normal import normal_at
-from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues, deviation, zero_clocks
-from smsid.likelihood.outputs import Kinematics
-from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, SearchPoint
-from smsid.likelihood.prediction import Prediction
-from smsid.likelihood.prior import Prior
-from smsid.likelihood.recording_term import RecordingTerm
-from smsid.likelihood.switch_times import (
+from smsid.likelihood._outputs import Kinematics
+from smsid.likelihood._switch_times import (
     intervals,
     on_found_times,
     outside,
@@ -26,6 +17,15 @@ from smsid.likelihood.switch_times import (
     switch_times,
     with_switch_times,
 )
+from smsid.likelihood.channels import Channel, described_sigma
+from smsid.likelihood.fit import ITERATIONS, ConvergenceError, Fit, Iterate, fit
+from smsid.likelihood.normal import normal_at
+from smsid.likelihood.nuisance_parameters import CLOCK_KINDS, NuisanceValues, deviation, zero_clocks
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.point import Evaluation, SearchPoint
+from smsid.likelihood.prediction import Prediction
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm
 
 ROUNDS = 6  # of choosing the samples near jumps
 PATIENCE = 25  # iterations after which clocks are doubted although the search has not come to rest

@@ -17,9 +17,9 @@ from smsid.effects.assembly import Assembly
 from smsid.effects.friction import JointFriction
 from smsid.effects.inertial_parameters import matrix_to_parameters
 from smsid.errors import DescriptionError
+from smsid.model._joint_order import is_depth_first, with_room_for
 from smsid.model.followers import Followers
 from smsid.model.inertial_forces import InertialForces
-from smsid.model.joint_order import is_depth_first, with_room_for
 from smsid.model.load import load_bus, mount_arm
 from smsid.model.spacecraft import (
     JointGroup,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from smsid._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from smsid.recording._importing import import_recording
     from smsid.recording.channels import QUANTITIES, quantity_of
-    from smsid.recording.importing import import_recording
     from smsid.recording.mapping import ImportMapping, bundled_mappings, load_mapping
     from smsid.recording.pieces import complete_pieces
     from smsid.recording.readers import CsvFormat, read_columns

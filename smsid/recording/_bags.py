@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import require
-from smsid.recording.columns import Columns, unreadable, without_samples
+from smsid.recording._columns import Columns, unreadable, without_samples
 
 DAMAGED_BAG = (
     "It is cut short or damaged (try `rosbag reindex` or `ros2 bag reindex`), or its messages are of a type "
@@ -140,7 +140,7 @@ class Topic:
                 self.fields.setdefault(key, []).append(value)
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Return the columns of the topic, empty if its messages are no signals."""
+        """Return the columns of the topic, (N,) each, empty if its messages are no signals."""
         if self.skipped or not self.times:
             return {}
         found: dict[str, NDArray[Any]] = {}

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from smsid.errors import RecordingError
+from smsid.recording._columns import Columns, unreadable, without_samples
 from smsid.recording._csv_cells import NUMBER, parse_number, read_cells, sniff_decimal
 from smsid.recording._csv_header import (
     comment_names,
@@ -27,7 +28,6 @@ from smsid.recording._csv_header import (
 )
 from smsid.recording._times import is_time
 from smsid.recording._units import unit_word
-from smsid.recording.columns import Columns, unreadable, without_samples
 
 __all__ = ["CsvFormat", "parse_number", "read_csv"]
 

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from smsid.errors import RecordingError
-from smsid.recording import _checks
+from smsid.recording import channel_checks
+from smsid.recording._columns import Columns
 from smsid.recording._guess import COMMANDED, Group, joined_by_quantity, joint_labels, rises_evenly
+from smsid.recording._importing import columns_to_recording
 from smsid.recording.channels import EXTRA, QUANTITIES, Quantity
-from smsid.recording.columns import Columns
-from smsid.recording.importing import columns_to_recording
 from smsid.recording.mapping import parse_mapping
 from smsid.recording.recording import Recording
 
@@ -271,8 +271,8 @@ def _finite(entries: list[_Entry], recording: Recording) -> list[_Entry]:
         if not reason:
             one = recording.without(*(name for name in recording.channels if name != entry.channel))
             try:
-                _checks.check_finite(one)
-                _checks.check_quaternions(one)
+                channel_checks.check_finite(one)
+                channel_checks.check_quaternions(one)
             except RecordingError as error:
                 reason = error.message
         found.append(replace(entry, reason=reason))

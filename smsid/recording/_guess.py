@@ -77,12 +77,12 @@ class Group:
 
 
 def stated_unit(columns: Mapping[str, NDArray[Any]], name: str) -> str | None:
-    """Return the unit of a column from a row of units or from its name, in the words of a mapping file."""
+    """Return the unit of one of the columns (N,) by a row of units or its name, as mapping files write it."""
     return getattr(columns, "units", {}).get(name) or written_unit(name)
 
 
 def is_clock(name: str, values: NDArray[Any], *, surely: bool = False) -> bool:
-    """Tell whether a column is a clock: so named or ``surely`` one, and mostly going one way, or never back.
+    """Tell whether a column (N,) is a clock: so named or ``surely`` one, and going mostly or always on.
 
     A counter, an angle or anything else that rises steadily is none: what it counts in is not known.
     """
@@ -117,13 +117,13 @@ def rises_evenly(values: NDArray[Any]) -> bool:
 
 
 def is_counter(name: str, values: NDArray[Any]) -> bool:
-    """Tell whether a column counts rows or messages."""
+    """Tell whether a column (N,) counts rows or messages."""
     text = bare(name).lower()
     return bool(COUNTER.search(text)) and rises_evenly(values)
 
 
 def groups(columns: Mapping[str, NDArray[Any]], skip: set[str]) -> list[Group]:
-    """Put columns whose names differ in an axis or a number only together, in order of the file."""
+    """Put columns (N,) whose names differ in an axis or a number only together, in order of the file."""
     blank: Mapping[str, NDArray[np.bool_]] = getattr(columns, "blank", {})
     names = [
         name
@@ -323,7 +323,7 @@ def joint_labels(group: Group) -> tuple[str, ...]:
 
 
 def joined_by_quantity(found: list[Group], columns: Mapping[str, NDArray[Any]]) -> list[Group]:
-    """Return the groups with those in one whose columns name different joints of one measured quantity.
+    """Return the groups with those in one whose columns (N,) name different joints of one measured quantity.
 
     Joints of one mechanism do not all bear numbers: a torso's belongs to the arm's.
     """

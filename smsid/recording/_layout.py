@@ -53,7 +53,7 @@ class ArrayLayout:
         }
 
     def cut(self, rows: Mapping[str, slice | NDArray[np.int_]]) -> ArrayLayout:
-        """Keep some rows, by clock."""
+        """Keep some rows by clock: a slice of them, or their numbers (n,)."""
         clocks = {
             clock: times[rows[clock]] if clock in rows else times for clock, times in self.clocks.items()
         }
@@ -64,7 +64,7 @@ class ArrayLayout:
         return replace(self, clocks=clocks, channels=channels)
 
     def without(self, names: Sequence[str]) -> ArrayLayout:
-        """Leave channels out, and what they alone need."""
+        """Leave channels out, and what they alone need; `RecordingError` where none is left."""
         channels = {name: own for name, own in self.channels.items() if name not in names}
         if not channels:
             raise RecordingError("The recording has no channels.", advice="Give at least one.")
@@ -104,7 +104,7 @@ class ArrayLayout:
 
 
 def real_array(values: ArrayLike, what: str) -> FloatArray:
-    """Copy real numbers into a read-only float64 array, or raise `RecordingError`."""
+    """Copy real numbers into a read-only float64 array of their shape, or raise `RecordingError`."""
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -160,7 +160,7 @@ def build(
     units: Mapping[str, str],
     attributes: Mapping[str, str],
 ) -> ArrayLayout:
-    """Lay out the arrays of `Recording.from_arrays`, or raise `RecordingError`."""
+    """Lay out arrays, their shapes as in `Recording.from_arrays`; `RecordingError` where they do not fit."""
     unused = [name for name in units if name not in channels]
     if unused:
         raise RecordingError(

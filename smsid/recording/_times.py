@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from smsid.recording.columns import Columns
+from smsid.recording._columns import Columns
 
 FloatArray = NDArray[np.float64]
 

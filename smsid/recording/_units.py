@@ -37,7 +37,7 @@ def _registry() -> Any:
 
 
 def convert(values: FloatArray, unit: str, to: str, where: str) -> FloatArray:
-    """Convert ``values`` from ``unit`` to ``to``; both any unit of pint.
+    """Convert ``values``, of any shape, from ``unit`` to ``to``; both any unit of pint.
 
     Angles count as a dimension here, unlike in pint: Hz is no rad/s, and a pure number is no angle.
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
-from smsid.recording._clock import find_gaps
+from smsid.recording._columns import Columns
 from smsid.recording._draft import draft_mapping, toml_string
 from smsid.recording._guess import Group, groups, is_clock, stated_unit, suspicion
+from smsid.recording._importing import import_recording, is_number
 from smsid.recording._units import convert
-from smsid.recording.columns import Columns
-from smsid.recording.importing import import_recording, is_number
+from smsid.recording.clock import find_gaps
 from smsid.recording.mapping import ImportMapping, load_mapping
 from smsid.recording.readers import read_joined
 

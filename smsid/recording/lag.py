@@ -11,8 +11,8 @@ from scipy.optimize import minimize_scalar
 
 from smsid._statistics import NORMAL95
 from smsid.errors import RecordingError
-from smsid.recording._clock import check_order
-from smsid.recording._resampling import linear
+from smsid.recording.clock import check_order
+from smsid.recording.resampling import linear
 
 LEAST_CORRELATION = 0.3
 MIN_SAMPLES = 16

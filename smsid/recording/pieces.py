@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from smsid.errors import RecordingError
-from smsid.recording._clock import check_order, find_gaps
+from smsid.recording.clock import check_order, find_gaps
 from smsid.recording.recording import Recording
 
 

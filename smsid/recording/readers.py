@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from smsid._listing import some_of
 from smsid.errors import RecordingError, require
 from smsid.recording._bags import is_bag_folder, read_bag
+from smsid.recording._columns import Columns, unreadable, without_samples
 from smsid.recording._csv import CsvFormat, parse_number, read_csv
 from smsid.recording._hdf5 import MatlabObject, mend, opaque_class, read_hdf5, read_matlab_hdf5
 from smsid.recording._times import read_times
-from smsid.recording.columns import Columns, unreadable, without_samples
 
 __all__ = [
     "READERS",

@@ -14,14 +14,14 @@ from smsid._listing import did_you_mean
 from smsid._short_repr import ShortRepr
 from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
-from smsid.recording import _checks, _layout, _resampling
-from smsid.recording._clock import Gap, check_order, find_gaps
+from smsid.recording import _layout, channel_checks, resampling
 from smsid.recording.channels import split_channel
+from smsid.recording.clock import Gap, check_order, find_gaps
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from smsid.recording._checks import Contradictions
+    from smsid.recording.channel_checks import Contradictions
 
 FloatArray = NDArray[np.float64]
 Role = Literal["estimation", "validation", "unspecified"]
@@ -232,11 +232,13 @@ class Recording(ShortRepr):
                 factor; `InconsistentChannelsError` for components that contradict each other beyond doubt.
                 A recording that is `unchecked` is not asked whether its channels contradict each other.
         """
-        _checks.check_clocks(self)
-        _checks.check_finite(self)
+        channel_checks.check_clocks(self)
+        channel_checks.check_finite(self)
         commands = [c for c in self.channels if c.startswith("command.")]
-        _checks.check_gaps(self, {self.clock_of(c) for c in commands} if sensors_may_pause else self.clocks)
-        _checks.check_quaternions(self)
+        channel_checks.check_gaps(
+            self, {self.clock_of(c) for c in commands} if sensors_may_pause else self.clocks
+        )
+        channel_checks.check_quaternions(self)
         if consistency:
             self.check_consistency()
         return self
@@ -262,7 +264,7 @@ class Recording(ShortRepr):
             RecordingError: a clock that does not increase.
         """
         if self._contradictions is None:
-            object.__setattr__(self, "_contradictions", _checks.contradictions_of(self))
+            object.__setattr__(self, "_contradictions", channel_checks.contradictions_of(self))
         assert self._contradictions is not None
         return self._contradictions
 
@@ -326,8 +328,8 @@ class Recording(ShortRepr):
             RecordingError: times outside a clock or inside a gap, not increasing, or samples that are not
                 finite.
         """
-        times = _resampling.new_times(self, rate_or_times)
-        channels = _resampling.interpolate_channels(self, times)
+        times = resampling.new_times(self, rate_or_times)
+        channels = resampling.interpolate_channels(self, times)
         built = self._rebuilt(times, channels, self.labels, self.units)
         return built._with_step({"resampled": {"start": float(times[0]), "samples": int(times.size)}})
 

@@ -15,8 +15,8 @@ import tomli_w
 
 from smsid._files import atomic_path, with_sum
 from smsid.errors import RecordingError, require
+from smsid.recording._columns import Columns
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, quantity_of
-from smsid.recording.columns import Columns
 from smsid.recording.recording import Recording
 
 TIME = "time [s]"

@@ -1,8 +1,8 @@
 """Reports: one self-contained HTML from each command, a verdict on top, everything behind it below."""
 
 from smsid._callable import make_callable
+from smsid.report._render import files_of, provenance, render, write_report
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text
-from smsid.report.render import files_of, provenance, render, write_report
 
 __all__ = [
     "Cell",

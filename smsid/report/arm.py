@@ -11,12 +11,12 @@ from smsid.arm.units import joint_unit
 from smsid.errors import SmsidError
 from smsid.identify.estimate_text import asked_for
 from smsid.recording import Recording
+from smsid.report._residuals import trace_explorer
+from smsid.report._spectra import spectrum_grid
+from smsid.report._traces import Trace
 from smsid.report.model import Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import share
 from smsid.report.parameters import identifiability, parameter_table
-from smsid.report.residuals import trace_explorer
-from smsid.report.spectra import spectrum_grid
-from smsid.report.traces import Trace
 
 NOTE = "A ratio of one: predicted as well as the recording it was identified from."
 WELL = 0.1  # relative torque error on data not identified from, up to which the arm counts as explained

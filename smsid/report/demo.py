@@ -18,12 +18,12 @@ from smsid.model import build_model
 from smsid.model.regressor import INERTIAL_NAMES, body_names
 from smsid.model.rigid_bodies import urdf_bodies
 from smsid.recording import Recording
+from smsid.report._open_loop import OpenLoop, most_different, story_section
 from smsid.report.diagnose import share_sections
 from smsid.report.diagnosis_shares import Shares
 from smsid.report.diagnosis_tables import plain_words, quantity, strength
 from smsid.report.model import Cell, Frame, Link, Links, Provenance, Report, Section, Table, Text, Tone, cells
 from smsid.report.numbers import number, unit
-from smsid.report.open_loop import OpenLoop, most_different, story_section
 from smsid.report.parameters import interval_cell
 
 DESCRIBED, IDENTIFIED, EXTENDED = "as described", "identified", "with the cause"

@@ -17,15 +17,15 @@ from smsid.diagnose.stepwise import Search
 from smsid.diagnose.torque.search import TorqueSearch
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
+from smsid.report._open_loop import OpenLoop, story_section
+from smsid.report._residuals import trace_explorer
+from smsid.report._spectra import spectrum_grid
+from smsid.report._traces import Trace, rotation_vectors
 from smsid.report.diagnosis_map import LEVEL, diagnosis_map, evidence
 from smsid.report.diagnosis_shares import Shares, alias_matrix, rescore, share_map, share_ranking, shares_of
 from smsid.report.diagnosis_tables import cause_tables, gain_parts, limit_table, plain_words, remaining_table
 from smsid.report.model import Part, Provenance, Report, Section, Table, Text, Tone, notes_section
 from smsid.report.numbers import number, share
-from smsid.report.open_loop import OpenLoop, story_section
-from smsid.report.residuals import trace_explorer
-from smsid.report.spectra import spectrum_grid
-from smsid.report.traces import Trace, rotation_vectors
 
 MOST_IN_WORDS = 2  # causes that are told in a sentence on top; more stand in the table
 NOTE = "Expected: by the noise and by how well the state is known. A ratio of one means nothing else is left."

@@ -19,6 +19,8 @@ from smsid.identify.paper.pipeline import Identification
 from smsid.likelihood.refine import Refinement
 from smsid.model import build_model
 from smsid.recording import Recording
+from smsid.report._residuals import EXPLAINED, Residuals, residuals_of, trace_explorer
+from smsid.report._spectra import spectrum_grid
 from smsid.report.axes import Axis
 from smsid.report.model import (
     Figure,
@@ -35,8 +37,6 @@ from smsid.report.model import (
 from smsid.report.numbers import number, raise_exponents
 from smsid.report.parameters import correlations, parameter_section
 from smsid.report.plot import Curve, Plot, Rule
-from smsid.report.residuals import EXPLAINED, Residuals, residuals_of, trace_explorer
-from smsid.report.spectra import spectrum_grid
 from smsid.report.stabilisation import diagrams, stabilisation_figures
 
 LOGGER = logging.getLogger(__name__)

@@ -10,14 +10,14 @@ from scipy.signal import correlate, welch
 from smsid._statistics import NORMAL95
 from smsid.identify.ssi_decimate import decimate
 from smsid.lab.modal import AmbientModes
+from smsid.report._residuals import trace_explorer
+from smsid.report._traces import Trace
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Tone, cells
 from smsid.report.numbers import number, share
 from smsid.report.parameters import identifiability, parameter_table
 from smsid.report.plot import Curve, Plot, Rule
-from smsid.report.residuals import trace_explorer
 from smsid.report.stabilisation import Diagram, stabilisation_figures
-from smsid.report.traces import Trace
 
 SEGMENTS = 8
 NOTE = (

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from smsid.report._traces import Traces
 from smsid.report.heat import HeatMap
 from smsid.report.numbers import number
 from smsid.report.plot import Plot
 from smsid.report.rows import RowChart
-from smsid.report.traces import Traces
 
 Tone = Literal["good", "warn", "bad", "neutral"]
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from smsid.lab.tank import COUNTS, TankFit, TankTest
 from smsid.lab.tank_models import ABOVE, LEVEL, TankComparison
+from smsid.report._residuals import trace_explorer
+from smsid.report._traces import Trace
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Provenance, Report, Section, Table, Tone, cells, notes_section
 from smsid.report.numbers import half, number, unit
 from smsid.report.parameters import identifiability, parameter_table
-from smsid.report.residuals import trace_explorer
 from smsid.report.rows import ChartRow, Mark, RowChart
-from smsid.report.traces import Trace
 
 NOTE = (
     "Scale: what the named model leaves before the container moves, where nothing but noise is in the force."

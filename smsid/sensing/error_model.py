@@ -11,7 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import DescriptionError, RecordingError
-from smsid.sensing._signals import (
+from smsid.sensing.component import ComponentError, Finite, Magnitude, Share, held, place_of
+from smsid.sensing.signals import (
     FloatArray,
     check_samples,
     compose,
@@ -22,7 +23,6 @@ from smsid.sensing._signals import (
     resample,
     sampling_rate,
 )
-from smsid.sensing.component import ComponentError, Finite, Magnitude, Share, held, place_of
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Triple = tuple[Finite, Finite, Finite]

@@ -15,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 from smsid._recursion import filter_recursively
 from smsid._time_text import time_text
 from smsid.errors import RecordingError
-from smsid.sensing._signals import FloatArray
+from smsid.sensing.signals import FloatArray
 
 ORDER = 4  # of the Butterworth low-pass, each way
 

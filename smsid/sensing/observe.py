@@ -10,9 +10,9 @@ import numpy as np
 
 from smsid._listing import did_you_mean
 from smsid.errors import RecordingError
-from smsid.sensing._signals import FloatArray, resample
 from smsid.sensing.filters import uniform_rate
 from smsid.sensing.sensor import Sensor
+from smsid.sensing.signals import FloatArray, resample
 
 if TYPE_CHECKING:
     from smsid.recording import Recording

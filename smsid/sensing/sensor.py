@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from smsid._listing import did_you_mean
 from smsid.errors import DescriptionError, RecordingError
-from smsid.sensing._signals import FloatArray, compose
 from smsid.sensing.error_model import COARSEST_ATTITUDE, ErrorModel, Magnitude, Positive, Triple
+from smsid.sensing.signals import FloatArray, compose
 
 Kind = Literal["pose", "imu", "encoder", "tachometer", "accelerometers"]
 Station = Annotated[int, Field(ge=0, strict=True)]

@@ -16,8 +16,8 @@ from smsid.kernel.arrays import Kernel
 from smsid.kernel.columns import TIME
 from smsid.kernel.steps import DOUBT, LOST, SMALL, WITHIN, held_steps
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.simulate._stiff_steps import Stiffness
 from smsid.simulate.integrate import Tolerance, run_chart
-from smsid.simulate.stiff_steps import Stiffness
 from smsid.simulate.trajectory import external_rates
 
 TOLERANCE = Tolerance(relative=1e-7, absolute=1e-9)

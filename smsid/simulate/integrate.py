@@ -4,7 +4,7 @@ Between re-centrings the state lives in a chart: q = q_ref (+) xi, and the metho
 integrates (xi, v) with ``xi_dot = Jlog6(exp6(xi)) v`` for the free-flyer. Quaternions stay unit by
 construction. The method is SciPy's DOP853, its coefficients are used; it is stepped here because SciPy's own
 loop takes as long as a right-hand side of ten microseconds. The polynomial of a step is made when it is first
-asked for. Where stability bounds its steps, implicit ones take over (`smsid.simulate.stiff_steps`).
+asked for. Where stability bounds its steps, implicit ones take over (`smsid.simulate._stiff_steps`).
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from smsid.errors import SimulationError
 from smsid.inputs.inputs import Inputs
 from smsid.kernel.short import SHORT, STEP_ANGLE
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.dynamics import Dynamics
-from smsid.simulate.held_chart import HeldChart
-from smsid.simulate.short_step import short_steps
-from smsid.simulate.stiff_steps import Stiffness, StiffSteps, integration_error
+from smsid.simulate._dynamics import Dynamics
+from smsid.simulate._held_chart import HeldChart
+from smsid.simulate._short_step import short_steps
+from smsid.simulate._stiff_steps import Stiffness, StiffSteps, integration_error
 from smsid.simulate.trajectory import Chart, Trajectory
 
 RECENTRE_ANGLE = 1.0  # [rad] rotation of the chart beyond which it is re-centred; the log is regular up to pi

@@ -17,8 +17,8 @@ from smsid.inputs.signals import sample
 from smsid.kernel.arrays import Kernel
 from smsid.kernel.steps import conserved
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.simulate.dynamics import Dynamics
-from smsid.simulate.held_chart import HeldChart
+from smsid.simulate._dynamics import Dynamics
+from smsid.simulate._held_chart import HeldChart
 
 
 @dataclass(frozen=True)

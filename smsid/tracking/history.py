@@ -15,7 +15,7 @@ from smsid._short_repr import short_repr
 from smsid._time_text import time_text
 from smsid.errors import RecordingError, require
 from smsid.identify.estimate import Estimate, classify
-from smsid.tracking.sample_buffer import Event
+from smsid.tracking._sample_buffer import Event
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,7 +16,7 @@ from smsid.errors import RecordingError
 from smsid.model.column_order import column_map
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.tracking.sample import Sample, samples_of
+from smsid.tracking._sample import Sample, samples_of
 
 LONGEST_LINE = 1_000_000  # characters
 PAUSE = 0.1  # [s] between looks at a file that grows

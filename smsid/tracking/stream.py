@@ -16,14 +16,14 @@ from smsid.errors import RecordingError
 from smsid.identify.estimate import Estimate
 from smsid.model import build_model
 from smsid.recording import Recording
-from smsid.tracking.change_detection import Change, ChangeDetector
+from smsid.tracking._change_detection import Change, ChangeDetector
+from smsid.tracking._sample import Sample
+from smsid.tracking._setting import Setting
+from smsid.tracking._tracker import SETTLE, Tracker
+from smsid.tracking._update import Update
 from smsid.tracking.followed_parameters import Rate
 from smsid.tracking.json_lines import SampleColumns, parse_sample
-from smsid.tracking.sample import Sample
-from smsid.tracking.setting import Setting
 from smsid.tracking.track_recordings import track_recordings
-from smsid.tracking.tracker import SETTLE, Tracker
-from smsid.tracking.update import Update
 
 BEGIN = 30.0  # [s]
 

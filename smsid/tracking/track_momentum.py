@@ -13,11 +13,11 @@ from smsid.estimation.identify_flights import labels_of
 from smsid.identify.estimate import Estimate
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
+from smsid.tracking._momentum_tracker import EQUATIONS, MomentumTracker
+from smsid.tracking._sample import samples_of
+from smsid.tracking._update import Update
 from smsid.tracking.followed_parameters import UNCERTAIN
 from smsid.tracking.history import TrackHistory
-from smsid.tracking.momentum_tracker import EQUATIONS, MomentumTracker
-from smsid.tracking.sample import samples_of
-from smsid.tracking.update import Update
 
 
 @single_threaded

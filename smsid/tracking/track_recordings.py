@@ -23,18 +23,18 @@ from smsid.likelihood.prior import Cad
 from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
-from smsid.tracking.change_detection import ChangeDetector
-from smsid.tracking.course import Course
-from smsid.tracking.fit_watch import FitWatch
-from smsid.tracking.fixed_interval import Retraced
+from smsid.tracking._change_detection import ChangeDetector
+from smsid.tracking._course import Course
+from smsid.tracking._fit_watch import FitWatch
+from smsid.tracking._fixed_interval import Retraced
+from smsid.tracking._sample import samples_of
+from smsid.tracking._sample_buffer import Event
+from smsid.tracking._setting import Setting
+from smsid.tracking._tracker import CHUNK, Tracker
+from smsid.tracking._update import Update
+from smsid.tracking._warm_up import linearise_by_search
 from smsid.tracking.followed_parameters import UNCERTAIN, Rate
 from smsid.tracking.history import SmoothedTrack, TrackHistory
-from smsid.tracking.sample import samples_of
-from smsid.tracking.sample_buffer import Event
-from smsid.tracking.setting import Setting
-from smsid.tracking.tracker import CHUNK, Tracker
-from smsid.tracking.update import Update
-from smsid.tracking.warm_up import linearise_by_search
 
 LOGGER = logging.getLogger(__name__)
 WARM_UP = 120.0  # [s]
@@ -79,7 +79,7 @@ def track_recordings(
         hear: hears every update.
         false_alarms: seek changes, as `ChangeDetector` does, with at most so many false alarms per hour; they
             are among the history's events. Nothing is sought if not given.
-        smooth: also say what is known of each time from all that was read (`smsid.tracking.fixed_interval`);
+        smooth: also say what is known of each time from all that was read (`smsid.tracking._fixed_interval`);
             the filter runs once more for it, and there are no more rows than fit into `ROOM`.
 
     Raises:

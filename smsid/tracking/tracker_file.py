@@ -24,14 +24,14 @@ from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.inputs.signals import Constant, Sampled, Signal
 from smsid.kernel.filter_arrays import Drive
 from smsid.simulate import Inputs
-from smsid.tracking.course import Course
-from smsid.tracking.fit_watch import FitWatch
+from smsid.tracking._course import Course
+from smsid.tracking._fit_watch import FitWatch
+from smsid.tracking._linearisation import Linearisation
+from smsid.tracking._parameter_filter import ParameterFilter
+from smsid.tracking._sample_buffer import Event, MomentEvents
+from smsid.tracking._setting import Setting
+from smsid.tracking._tracker import Tracker
 from smsid.tracking.followed_parameters import Followed, StartingPoint
-from smsid.tracking.linearisation import Linearisation
-from smsid.tracking.parameter_filter import ParameterFilter
-from smsid.tracking.sample_buffer import Event, MomentEvents
-from smsid.tracking.setting import Setting
-from smsid.tracking.tracker import Tracker
 
 SCHEMA = "smsid.tracker"
 VERSION = 7

@@ -8,13 +8,13 @@ nothing.
 """
 
 from smsid._callable import make_callable
-from smsid.view.export import export_html
-from smsid.view.live import LiveView, show
-from smsid.view.look import Look
-from smsid.view.main import build_replay, simulated_twin, write_view
+from smsid.view._export import export_html
+from smsid.view._live import LiveView, show
+from smsid.view._look import Look
+from smsid.view._main import build_replay, simulated_twin, write_view
+from smsid.view._scene import Scene, build_scene
+from smsid.view._video import export_video
 from smsid.view.replay import Replay, replay
-from smsid.view.scene import Scene, build_scene
-from smsid.view.video import export_video
 
 __all__ = [
     "LiveView",

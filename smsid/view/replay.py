@@ -12,11 +12,11 @@ import numpy as np
 from smsid._short_repr import short_repr
 from smsid.errors import SmsidError
 from smsid.model.spacecraft import SpacecraftModel
-from smsid.view.commands import PREFIX, Command, animation_command, part_commands, scene_commands
-from smsid.view.drivers import DrawnFrames
-from smsid.view.look import Look, across, fitted_camera
-from smsid.view.motion import DrawnMotion, Source, motion_of
-from smsid.view.scene import ROOT, Scene, build_scene, fitting_scale
+from smsid.view._commands import PREFIX, Command, animation_command, part_commands, scene_commands
+from smsid.view._drivers import DrawnFrames
+from smsid.view._look import Look, across, fitted_camera
+from smsid.view._motion import DrawnMotion, Source, motion_of
+from smsid.view._scene import ROOT, Scene, build_scene, fitting_scale
 
 MAX_FRAMES = 4000
 APART = 1.12  # distance of spacecraft side by side, in their extents

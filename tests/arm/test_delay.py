@@ -12,9 +12,9 @@ from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
 from smsid.arm import identify_arm, with_friction_laws, with_joint_effects
+from smsid.arm._smooth_motion import smooth_motion
+from smsid.arm._solve import delay_column, torque_means
 from smsid.arm.identify import rigid_arm
-from smsid.arm.smooth_motion import smooth_motion
-from smsid.arm.solve import delay_column, torque_means
 from smsid.diagnose import diagnose
 from smsid.recording import Recording
 

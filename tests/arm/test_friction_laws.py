@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.arm import identify_arm, with_friction_laws, with_joint_effects
-from smsid.arm.residual_dependence import leftover_sentences
+from smsid.arm._residual_dependence import leftover_sentences
 from smsid.description import Description
 from smsid.errors import DescriptionError
 from smsid.recording import Recording

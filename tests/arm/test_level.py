@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from smsid.arm import identify_arm, with_joint_effects
-from smsid.arm.residual_dependence import leftover_sentences
+from smsid.arm._residual_dependence import leftover_sentences
 from smsid.description import Description
 from smsid.effects import BaseTilt
 from smsid.effects.external import horizontal_axes, tilted_gravity

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.arm.smoothing import JointSamples, smooth_joint
+from smsid.arm._smoothing import JointSamples, smooth_joint
 
 NONE = np.zeros(0)
 

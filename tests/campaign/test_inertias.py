@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from smsid.campaign import load_campaign, prepare
-from smsid.campaign.inertias import drawn_inertia
+from smsid.campaign._inertias import drawn_inertia
 from smsid.effects.inertial_parameters import pseudo_inertia
 from smsid.model import build_model
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from smsid.campaign import campaign_main, read_store
-from smsid.campaign.identification import GROUP
+from smsid.campaign._identification import GROUP
 
 
 def test_exp1_with_a_spacecraft_that_differs_from_its_description(

@@ -80,7 +80,7 @@ def test_a_scheduler_that_is_not_there_is_told(
     make_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed", reason="dask is not installed (extra: campaign)")
-    monkeypatch.setattr("smsid.campaign.backends.CONNECT_WITHIN", "1s")
+    monkeypatch.setattr("smsid.campaign._backends.CONNECT_WITHIN", "1s")
     with pytest.raises(SmsidError, match=r"no dask scheduler at 'tcp://127\.0\.0\.1:9'"):
         campaign_main(make_plan(), tmp_path / "c.jsonl", dask_address="tcp://127.0.0.1:9")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from smsid.campaign import CampaignStore, Outcome, RunError, RunRecord, load_campaign, prepare, read_store
-from smsid.campaign.case import PreparedCampaign
+from smsid.campaign._case import PreparedCampaign
 from smsid.errors import SmsidError
 
 

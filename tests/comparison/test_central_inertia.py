@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from smsid.comparison import compare
-from smsid.comparison.common_basis import CENTRAL, in_terms_of
+from smsid.comparison._common_basis import CENTRAL, in_terms_of
 from smsid.identify.estimate import Estimate, classify
 from smsid.model.regressor import INERTIAL_NAMES
 

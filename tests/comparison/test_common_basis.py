@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.comparison import compare
-from smsid.comparison.common_basis import common_basis
+from smsid.comparison._common_basis import common_basis
 from smsid.identify.estimate import Estimate, classify
 
 from .estimates import craft, estimate, grasped

@@ -9,12 +9,12 @@ import ctrlsys
 import numpy as np
 import pinocchio as pin
 
+from smsid.control._sensed import measured_truth
+from smsid.control._statespace import StateSpace
+from smsid.control._wheels import WheelLayout
 from smsid.control.closed_loop import Actuators, TrackingRun, starting_point, tracking_of
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import BodyTerms, ReducedDynamics
-from smsid.control.sensed import measured_truth
-from smsid.control.statespace import StateSpace
-from smsid.control.wheels import WheelLayout
 from smsid.description import Description, load_description
 from smsid.model import SpacecraftModel, build_model
 from smsid.simulate.integrate import ChartDerivative, initial_state

@@ -15,13 +15,13 @@ from control_cases import (
     two_arms,
 )
 
-from smsid.control.attitude import attitude_error, attitude_errors
+from smsid.control._attitude import attitude_error, attitude_errors
+from smsid.control._sensed import SensedState, measured_truth
 from smsid.control.closed_loop import Actuators, disturbance, left_out, sensor_noise, track
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics, perturb_bodies
 from smsid.control.robust_term import design_robust_term
-from smsid.control.sensed import SensedState, measured_truth
 from smsid.control.trajectory import Motion, Reference, minimum_jerk, trapezoid
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError

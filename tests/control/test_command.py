@@ -13,12 +13,12 @@ from test_identified_model import ARM, true_estimate, wrong_description
 from typer.testing import CliRunner
 
 from smsid.cli.control import control_command
+from smsid.control._statespace import hinf_norm
 from smsid.control.controller_file import load_controller
 from smsid.control.design import DesignRequest, design
 from smsid.control.identified_model import inertia_at
 from smsid.control.reduced import ReducedDynamics
 from smsid.control.robust_term import rigid_loop
-from smsid.control.statespace import hinf_norm
 from smsid.description import Description
 from smsid.errors import ControlError
 from smsid.identify.estimate import Estimate, classify, save_estimate

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from control_cases import slicot_norm
 
-from smsid.control.hinfinity import Plant, feasible, synthesize
-from smsid.control.statespace import StateSpace, hinf_norm, lower_lft
+from smsid.control._hinfinity import Plant, feasible, synthesize
+from smsid.control._statespace import StateSpace, hinf_norm, lower_lft
 from smsid.errors import ControlError
 
 try:

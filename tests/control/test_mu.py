@@ -6,7 +6,7 @@ import ctrlsys
 import numpy as np
 import pytest
 
-from smsid.control.mu import UncertainBlock, mu_upper_bound
+from smsid.control._mu import UncertainBlock, mu_upper_bound
 from smsid.errors import ControlError
 
 

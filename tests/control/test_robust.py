@@ -7,20 +7,20 @@ import pinocchio as pin
 import pytest
 from control_cases import paper, rigid_paper
 
-from smsid.control.closed_loop import Actuators
-from smsid.control.gains import gains
-from smsid.control.pd import ModelBasedController
-from smsid.control.reduced import ReducedDynamics, perturb_bodies
-from smsid.control.robust import (
+from smsid.control._robust import (
     closed_loop_matrix,
     flexible_plant,
     least_damping,
     named_poles,
     refuse_unstable,
 )
+from smsid.control._sensed import measured_truth
+from smsid.control._statespace import StateSpace
+from smsid.control.closed_loop import Actuators
+from smsid.control.gains import gains
+from smsid.control.pd import ModelBasedController
+from smsid.control.reduced import ReducedDynamics, perturb_bodies
 from smsid.control.robust_term import design_robust_term, guarded_term
-from smsid.control.sensed import measured_truth
-from smsid.control.statespace import StateSpace
 from smsid.control.trajectory import Reference, minimum_jerk
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from control_cases import slicot_norm
 
+from smsid.control._statespace import StateSpace, hinf_norm, lower_lft
 from smsid.control.gains import Gains, gains
 from smsid.control.robust_term import design_robust_term, error_plant, rigid_loop
-from smsid.control.statespace import StateSpace, hinf_norm, lower_lft
 from smsid.control.weights import DesignWeights, in_band, weights_from_level
 from smsid.errors import ControlError
 

@@ -10,13 +10,13 @@ from control_cases import URDF, paper
 from test_identified_model import true_estimate
 
 from smsid._statistics import NORMAL95
+from smsid.control._robust import closed_loop_matrix, flexible_plant
+from smsid.control._uncertain_plant import uncertain_plant
 from smsid.control.gains import gains
 from smsid.control.identified_model import identified_level, identified_model, inertia_at
-from smsid.control.robust import closed_loop_matrix, flexible_plant
 from smsid.control.robust_term import design_robust_term
 from smsid.control.robustness import robust_stability, worst_parameters
 from smsid.control.tuning import Demands, natural_modes, noise_error, tuned_gains
-from smsid.control.uncertain_plant import uncertain_plant
 from smsid.control.weights import weights_from_level
 from smsid.description import load_description
 from smsid.effects.slosh import Slosh

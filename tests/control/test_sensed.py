@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from smsid.control.sensed import _stream
+from smsid.control._sensed import _stream
 from smsid.sensing import Sensor
 
 

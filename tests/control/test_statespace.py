@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from control_cases import slicot_norm
 
-from smsid.control.statespace import StateSpace, hinf_norm, lower_lft, stack
+from smsid.control._statespace import StateSpace, hinf_norm, lower_lft, stack
 from smsid.errors import ControlError
 
 

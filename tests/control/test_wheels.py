@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from control_cases import paper, two_arms
 
-from smsid.control.wheels import Allocation, WheelLayout
+from smsid.control._wheels import Allocation, WheelLayout
 from smsid.errors import ControlError
 
 PYRAMID = WheelLayout.of(two_arms())

@@ -16,7 +16,7 @@ ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # of b
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     chosen = DataSet("small", "a test", "owner/name", "0123abcd", "MIT", (DataFile("a.csv", ABC),))
-    monkeypatch.setattr(sys.modules["smsid.datasets.fetch"], "DATASETS", {"small": chosen})
+    monkeypatch.setattr(sys.modules["smsid.datasets._fetch"], "DATASETS", {"small": chosen})
     monkeypatch.setenv("SMSID_DATA", str(tmp_path))
     (tmp_path / "small").mkdir()
     return tmp_path / "small"
@@ -60,7 +60,7 @@ def test_a_file_of_unknown_place_is_not_guessed(small):
 
 def test_downloading_needs_the_extra(small, monkeypatch):
     known = DataSet("small", "", "owner/name", "0", "MIT", (DataFile("a.csv", ABC, "data/a.csv"),))
-    monkeypatch.setattr(sys.modules["smsid.datasets.fetch"], "DATASETS", {"small": known})
+    monkeypatch.setattr(sys.modules["smsid.datasets._fetch"], "DATASETS", {"small": known})
     monkeypatch.setitem(sys.modules, "pooch", None)
     with pytest.raises(MissingDependencyError, match=r"smsid\[data\]"):
         fetch("small")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.design.goal import Goal, goal_of, needs_motion
+from smsid.design._goal import Goal, goal_of, needs_motion
 from smsid.errors import ExperimentError
 from smsid.likelihood.parameters import Parameters
 

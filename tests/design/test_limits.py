@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.design.limits import Limits, root_moments, tip_shapes
+from smsid.design._limits import Limits, root_moments, tip_shapes
 from smsid.errors import ExperimentError
 from smsid.experiments import ConstantProfile, Experiment, LimitUse
 from smsid.simulate import simulate

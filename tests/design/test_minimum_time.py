@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from smsid.design.minimum_time import Watch, minimum_time_design
+from smsid.design._minimum_time import Watch, minimum_time_design
 from smsid.errors import ExperimentError
 
 

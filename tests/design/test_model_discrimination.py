@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from smsid.design import model_discrimination as separate
-from smsid.design.limits import Limits
+from smsid.design._limits import Limits
+from smsid.design._trials import Motions, Thrusts
 from smsid.design.model_discrimination import (
     candidates_of,
     design_separation,
     discriminate,
     resolve_candidates,
 )
-from smsid.design.trials import Motions, Thrusts
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.score_test import signatures
 from smsid.errors import ExperimentError

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smsid.design.limits import Limits
-from smsid.design.moving import SeriesSpace
+from smsid.design._limits import Limits
+from smsid.design._moving import SeriesSpace
 from smsid.inputs.signals import sample
 from smsid.model import build_model
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.design.forecast import Forecast
-from smsid.design.goal import goal_of
-from smsid.design.limits import Limits
-from smsid.design.thrust import thrust_space
-from smsid.design.thrusting import Feasible, best_pulses, intervals_of, random_start, thrust_steps
+from smsid.design._forecast import Forecast
+from smsid.design._goal import goal_of
+from smsid.design._limits import Limits
+from smsid.design._thrust import thrust_space
+from smsid.design._thrusting import Feasible, best_pulses, intervals_of, random_start, thrust_steps
 from smsid.experiments.fly import limit_use
 from smsid.likelihood import fisher_information
 from smsid.simulate import simulate

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose import candidate_scores
-from smsid.diagnose import forward_step as rounds
-from smsid.diagnose.forward_step import SearchState
+from smsid.diagnose import _candidate_scores as candidate_scores
+from smsid.diagnose import _forward_step as rounds
+from smsid.diagnose._forward_step import SearchState
+from smsid.diagnose._noise_covariance import InflatedFit
 from smsid.diagnose.model_comparison import Cause
-from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.score_test import Score
 from smsid.diagnose.thresholds import DetectionThresholds
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import dual_annealing
 
-from smsid.diagnose.added_oscillator import (
+from smsid.diagnose._added_oscillator import (
     LEAST,
     STEP,
     AddedOscillatorHypothesis,
@@ -13,8 +13,8 @@ from smsid.diagnose.added_oscillator import (
     _forces,
     oscillator_responses,
 )
+from smsid.diagnose._profiled_hypothesis import Shape
 from smsid.diagnose.hypotheses import more_slosh
-from smsid.diagnose.profiled_hypothesis import Shape
 from smsid.diagnose.score_test import least_squares
 from smsid.effects import Slosh
 from smsid.estimation.map_estimate import evaluate

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose.sensor_faults import step_of
+from smsid.diagnose._sensor_faults import step_of
 
 LEAST = 5e-5
 FEW = 16  # different readings of which it may be that no step is found

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import stepwise
-from smsid.diagnose.exchange_step import eliminate_backward
+from smsid.diagnose._exchange_step import eliminate_backward
 from smsid.diagnose.model_comparison import Cause
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.specification_tests import SpecificationTest
@@ -60,14 +60,14 @@ def left(
     for module in ("exchange_step", "wald_test"):
         monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
     monkeypatch.setattr(
-        "smsid.diagnose.exchange_step.each_may_be_zero", lambda _, c: zero and c.location == "joint1"
+        "smsid.diagnose._exchange_step.each_may_be_zero", lambda _, c: zero and c.location == "joint1"
     )
     monkeypatch.setattr(
-        "smsid.diagnose.exchange_step.impossible_fit",
+        "smsid.diagnose._exchange_step.impossible_fit",
         lambda _, c: "cannot be" if c.location == absurd else "",
     )
-    monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
-    monkeypatch.setattr("smsid.diagnose.exchange_step.fit", refitted)
+    monkeypatch.setattr("smsid.diagnose._exchange_step.without_cause", lambda found, *_: found)
+    monkeypatch.setattr("smsid.diagnose._exchange_step.fit", refitted)
     kept, _ = eliminate_backward(
         [cause(x) for x in ("joint1", *beside)], fitted(0.0), fitted(1e6), DetectionThresholds(), 60, proven,
         recheck,

@@ -8,15 +8,16 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2, norm
 
-from smsid.diagnose import change_time_posterior, verdict
+from smsid.diagnose import _change_time_posterior as change_time_posterior
 from smsid.diagnose import specification_tests as blocks
-from smsid.diagnose.exchange_step import eliminate_backward
+from smsid.diagnose import verdict
+from smsid.diagnose._exchange_step import eliminate_backward
+from smsid.diagnose._noise_covariance import misfit_factors
+from smsid.diagnose._wald_test import chance_of_share, wald
 from smsid.diagnose.model_comparison import accept, is_distinguishable, simplest_law
-from smsid.diagnose.noise_covariance import misfit_factors
 from smsid.diagnose.score_test import Candidate, Score, correlation, least_squares
 from smsid.diagnose.specification_tests import SpecificationTest, adequacy, whiteness
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
-from smsid.diagnose.wald_test import chance_of_share, wald
 from smsid.effects import JointFriction
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.problem import ProcessNoise
@@ -80,7 +81,7 @@ def test_a_cause_pays_for_all_that_were_tried(monkeypatch, tried, named):
     run = SimpleNamespace(samples=1000)
     found = SimpleNamespace(objective=0.0, run=run, unknowns=(), problem=Coloured(False))
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: found)
-    monkeypatch.setattr("smsid.diagnose.wald_test.wald", lambda *_, **__: 1e3)
+    monkeypatch.setattr("smsid.diagnose._wald_test.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=0.5 * ratio, run=run, unknowns=())
     best = score(ratio, 1)
     assert (accept(current, best, [best], DetectionThresholds(), tried)[0] is not None) is named
@@ -151,9 +152,9 @@ def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypa
 
     for module in ("exchange_step", "wald_test"):
         monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
-    monkeypatch.setattr("smsid.diagnose.exchange_step.each_may_be_zero", lambda *_: False)
-    monkeypatch.setattr("smsid.diagnose.exchange_step.without_cause", lambda found, *_: found)
-    monkeypatch.setattr("smsid.diagnose.exchange_step.fit", lambda *_, **options: fitted(1.0))
+    monkeypatch.setattr("smsid.diagnose._exchange_step.each_may_be_zero", lambda *_: False)
+    monkeypatch.setattr("smsid.diagnose._exchange_step.without_cause", lambda found, *_: found)
+    monkeypatch.setattr("smsid.diagnose._exchange_step.fit", lambda *_, **options: fitted(1.0))
     causes = [cause("joint1"), cause("joint2")]
     for tried, kept in ((1, 2), (60, 1)):
         assert (
@@ -276,7 +277,7 @@ def test_the_simplest_law_that_explains_as_much_comes_first():
 
 def test_a_beginning_is_not_known_better_than_within_a_sample(monkeypatch):
     """One that is certain to the sample is uniform within it: 0.29 of its length."""
-    module = "smsid.diagnose.change_time_posterior"
+    module = "smsid.diagnose._change_time_posterior"
     times = np.linspace(0.0, 10.0, 101)
     found = SimpleNamespace(run=SimpleNamespace(states=SimpleNamespace(time=times)), scales=np.ones(1))
     starts = SimpleNamespace(start=5.0, ratios=lambda t: -1e6 * np.abs(np.array(t) - 5.0))

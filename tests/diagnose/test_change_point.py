@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose import change_point as onset
-from smsid.diagnose.change_point import (
+from smsid.diagnose import _change_point as onset
+from smsid.diagnose._change_point import (
     always_together,
     best_onsets,
     cut_score,
@@ -207,7 +207,7 @@ def test_an_onset_that_pays_stays_beside_one_that_does_not(monkeypatch):
         (score,) = scores  # one is left then: there is nothing to drop together
         return (scores, found) if score.candidate.start == 5.0 else ([stand_in(None).score], "without")
 
-    monkeypatch.setattr("smsid.diagnose.change_point.always_together", drop)
+    monkeypatch.setattr("smsid.diagnose._change_point.always_together", drop)
     causes, found = drop_onset([stand_in(5.0), stand_in(9.0)], "with", DetectionThresholds())
     assert [c.score.candidate.effect.start for c in causes] == [5.0, None] and found == "without"
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.change_time_posterior import Starts
+from smsid.diagnose._change_time_posterior import Starts
 from smsid.estimation.map_estimate import fit
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.sensitivities import propagate

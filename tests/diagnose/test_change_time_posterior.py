@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.change_time_posterior import Starts, onset_posteriors, start_of
+from smsid.diagnose._change_time_posterior import Starts, onset_posteriors, start_of
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.verdict import values
 from smsid.estimation.map_estimate import evaluate

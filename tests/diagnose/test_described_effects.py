@@ -5,10 +5,10 @@ import pytest
 
 from smsid.description import load_description
 from smsid.diagnose import diagnose
-from smsid.diagnose.described_effects import from_described, least_beside_listed, least_for
+from smsid.diagnose._described_effects import from_described, least_beside_listed, least_for
+from smsid.diagnose._without_cause import residual_squares, without_cause
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
-from smsid.diagnose.without_cause import residual_squares, without_cause
 from smsid.effects import Backlash, ExternalWrench, JointFriction, Payload, SensorBias
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.parameter_vector import Point

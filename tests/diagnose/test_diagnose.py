@@ -8,7 +8,7 @@ import pytest
 
 from smsid.cli import main
 from smsid.diagnose import diagnose, load_diagnosis, save_diagnosis
-from smsid.diagnose.sensor_faults import Fault
+from smsid.diagnose._sensor_faults import Fault
 from smsid.diagnose.stepwise import search
 from smsid.errors import SmsidError
 from smsid.identify.estimate import Estimate, classify

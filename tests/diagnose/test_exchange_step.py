@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.exchange_step import eliminate_backward, exchange_step, recompute_evidence
+from smsid.diagnose._exchange_step import eliminate_backward, exchange_step, recompute_evidence
+from smsid.diagnose._merge_step import _is_left, merge_step
+from smsid.diagnose._without_cause import rivals_beside, without_cause
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.merge_step import _is_left, merge_step
 from smsid.diagnose.model_comparison import Cause, refit
 from smsid.diagnose.score_test import score_candidates, signatures
 from smsid.diagnose.thresholds import DetectionThresholds
-from smsid.diagnose.without_cause import rivals_beside, without_cause
 from smsid.effects import JointFriction, MassLoss, MotorInertia, Payload, TorqueGain
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
@@ -89,7 +89,7 @@ def test_one_cause_takes_the_place_of_two_whose_work_it_does(pair, monkeypatch):
     right, last = with_causes(nominal, candidates, [(*FRICTION, "coulomb"), GAIN])
     kept, same = merge_step(right, last, *args)
     assert kept == right and same is last
-    monkeypatch.setattr("smsid.diagnose.merge_step._is_left", lambda *_: True)
+    monkeypatch.setattr("smsid.diagnose._merge_step._is_left", lambda *_: True)
     assert merge_step(causes, current, *args)[0] == causes
 
 

@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose import cause_in_motion, stepwise
-from smsid.diagnose import forward_step as rounds
-from smsid.diagnose.forward_step import SearchState
+from smsid.diagnose import _cause_in_motion as cause_in_motion
+from smsid.diagnose import _forward_step as rounds
+from smsid.diagnose import stepwise
+from smsid.diagnose._forward_step import SearchState
+from smsid.diagnose._noise_covariance import InflatedFit
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import Cause
-from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
 from smsid.errors import SmsidError

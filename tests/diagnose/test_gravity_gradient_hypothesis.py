@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose.gravity_gradient_hypothesis import (
+from smsid.diagnose._gravity_gradient_hypothesis import (
     FIELDS,
     GravityGradientHypothesis,
     coefficients,

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose import diagnose, hidden_start
-from smsid.diagnose.hidden_start import with_likely_start
+from smsid.diagnose import _hidden_start as hidden_start
+from smsid.diagnose import diagnose
+from smsid.diagnose._hidden_start import with_likely_start
 from smsid.diagnose.validation import read_like
 from smsid.effects import JointFriction, SensorBias
 from smsid.estimation.initial_state import InitialPrior

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from smsid.diagnose import forward_step as rounds
-from smsid.diagnose.forward_step import SearchState
+from smsid.diagnose import _forward_step as rounds
+from smsid.diagnose._forward_step import SearchState
 from smsid.diagnose.model_comparison import Cause
 
 from .search_stubs import FOUND, OTHER, VAIN, candidate, score_of

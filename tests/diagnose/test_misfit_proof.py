@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose import misfit_proof
-from smsid.diagnose.misfit_proof import is_hopeful, with_what_it_lacks
-from smsid.diagnose.noise_covariance import InflatedFit
+from smsid.diagnose import _misfit_proof as misfit_proof
+from smsid.diagnose._misfit_proof import is_hopeful, with_what_it_lacks
+from smsid.diagnose._noise_covariance import InflatedFit
 
 from .search_stubs import Whole
 from .test_model_comparison import score

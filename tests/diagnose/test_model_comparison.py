@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose.forward_step import RESTLESS
+from smsid.diagnose._forward_step import RESTLESS
+from smsid.diagnose._noise_covariance import InflatedFit
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import (
     accept,
@@ -19,7 +20,6 @@ from smsid.diagnose.model_comparison import (
     is_distinguishable,
     refit,
 )
-from smsid.diagnose.noise_covariance import InflatedFit
 from smsid.diagnose.score_test import Candidate, Score, score_candidates, signatures
 from smsid.diagnose.stepwise import search
 from smsid.diagnose.thresholds import DetectionThresholds
@@ -85,7 +85,7 @@ def test_how_sharply_a_stribeck_curve_falls_is_fitted_where_it_is_no_gaussian(de
 def test_what_explains_only_without_end_is_no_cause(rubbing, monkeypatch):
     current, score = rubbing
     assert accept(current, score, [score], DetectionThresholds(), 60)[0] is not None
-    monkeypatch.setattr("smsid.diagnose.wald_test.wald", lambda *_, **__: 5.0)
+    monkeypatch.setattr("smsid.diagnose._wald_test.wald", lambda *_, **__: 5.0)
     assert accept(current, score, [score], DetectionThresholds(), 60)[0] is None
 
 
@@ -155,7 +155,7 @@ def test_the_search_goes_on_from_there_with_all_its_candidates(restless, monkeyp
         return None, at_rest if len(tried) == 2 else current
 
     start = InflatedFit(stopped, np.ones(stopped.problem.data.rows))
-    monkeypatch.setattr("smsid.diagnose.forward_step.accept", accepted)
+    monkeypatch.setattr("smsid.diagnose._forward_step.accept", accepted)
     monkeypatch.setattr("smsid.diagnose.stepwise.first_fit", lambda *_: start)
     monkeypatch.setattr("smsid.diagnose.stepwise.with_levels", lambda found, *_: found)
     monkeypatch.setattr("smsid.diagnose.stepwise.coarse_cause", lambda *_: None)
@@ -178,8 +178,8 @@ def test_the_search_ends_where_every_candidate_leads_to_another_fit(restless, mo
         tried.append(best.candidate.key)
         return None, replace(current, objective=current.objective - 1e4)
 
-    monkeypatch.setattr("smsid.diagnose.forward_step.accept", accepted)
-    monkeypatch.setattr("smsid.diagnose.forward_step.refit_noise", lambda found, **_: found)
+    monkeypatch.setattr("smsid.diagnose._forward_step.accept", accepted)
+    monkeypatch.setattr("smsid.diagnose._forward_step.refit_noise", lambda found, **_: found)
     monkeypatch.setattr("smsid.diagnose.score_test.Score.p_value", 1e-9)
     search(at_rest.point, at_rest.problem, at_rest.unknowns, [score.candidate])
     assert len(tried) == RESTLESS + 1
@@ -201,9 +201,9 @@ def test_a_cause_that_holds_another_takes_its_place(description, known, monkeypa
         ratios.append(cause.ratio)
         return cause, found
 
-    monkeypatch.setattr("smsid.diagnose.forward_step.accept", in_turn)
+    monkeypatch.setattr("smsid.diagnose._forward_step.accept", in_turn)
     # both were found while misfit was counted: what they weigh without it is tested by itself
-    monkeypatch.setattr("smsid.diagnose.forward_step.recompute_evidence", lambda causes, *_: list(causes))
+    monkeypatch.setattr("smsid.diagnose._forward_step.recompute_evidence", lambda causes, *_: list(causes))
     found = search(known.point, current.problem, current.unknowns, [coulomb, stribeck.candidate])
     assert len(ratios) == 2
     (cause,) = found.causes
@@ -291,7 +291,7 @@ def test_what_is_there_all_the_time_is_tried_beside_what_begins(monkeypatch):
         return fits[s.candidate.location]
 
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", refit)
-    monkeypatch.setattr("smsid.diagnose.wald_test.wald", lambda *_, **__: 1e3)
+    monkeypatch.setattr("smsid.diagnose._wald_test.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=3000.0, run=run, unknowns=())
     cause, found = accept(current, begun, [begun, still], DetectionThresholds(), 60)
     assert cause.score is still
@@ -326,7 +326,7 @@ def test_strong_ones_that_do_the_same_are_aliases_at_any_price(monkeypatch, like
         for s in (winner, rival)
     }
     monkeypatch.setattr("smsid.diagnose.model_comparison.refit", lambda current, s, at_most: fits[id(s)])
-    monkeypatch.setattr("smsid.diagnose.wald_test.wald", lambda *_, **__: 1e3)
+    monkeypatch.setattr("smsid.diagnose._wald_test.wald", lambda *_, **__: 1e3)
     current = SimpleNamespace(objective=0.0, run=run, unknowns=())
     cause, _ = accept(current, winner, [winner, rival], DetectionThresholds(), 60)
     assert cause.score is winner

@@ -8,10 +8,9 @@ import pytest
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose import noise_covariance
-from smsid.diagnose.forward_step import SearchState
-from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.noise_covariance import (
+from smsid.diagnose import _noise_covariance as noise_covariance
+from smsid.diagnose._forward_step import SearchState
+from smsid.diagnose._noise_covariance import (
     InflatedFit,
     _told_by_noise,
     erring_fit,
@@ -22,9 +21,10 @@ from smsid.diagnose.noise_covariance import (
     strays_by_row,
     with_levels,
 )
+from smsid.diagnose._unknown_input import with_unknown
+from smsid.diagnose._unknown_structure import refit_noise
+from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.unknown_input import with_unknown
-from smsid.diagnose.unknown_structure import refit_noise
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
@@ -163,9 +163,9 @@ def test_where_the_last_step_cannot_be_filtered_the_one_before_is_taken(known, p
             raise SimulationError("lost")
         return fit(point, unknowns, problem, **options)
 
-    monkeypatch.setattr("smsid.diagnose.noise_covariance.fit", filtered)
+    monkeypatch.setattr("smsid.diagnose._noise_covariance.fit", filtered)
     monkeypatch.setattr(
-        "smsid.diagnose.noise_covariance.noise_factors", lambda *_: np.full(problem.data.rows, 2.0)
+        "smsid.diagnose._noise_covariance.noise_factors", lambda *_: np.full(problem.data.rows, 2.0)
     )
     assert refit_noise(found, strong=True).factors == pytest.approx(2.0 * 2.0)
     assert started[:2] == [astray, before.changes.point]

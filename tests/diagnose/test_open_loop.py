@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.open_loop import _levels, _squared_errors, open_loop
+from smsid.diagnose._open_loop import _levels, _squared_errors, open_loop
 
 
 def whitened(run, problem):

@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose import open_shape
-from smsid.diagnose.open_shape import may_be_open
+from smsid.diagnose import _open_shape as open_shape
+from smsid.diagnose._open_shape import may_be_open
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.specification_tests import LAGS, _share_of_shape_errors, adequacy, open_joints, whiteness
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.effects import JointFriction, TorqueGain
+from smsid.estimation._shape_errors import shape_errors
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import Sensitivity, propagate
-from smsid.estimation.shape_errors import shape_errors
 
 JOINT = "joint2"
 

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.outliers import of_white_components, outlier_share, outliers, recount_outliers
-from smsid.diagnose.sensor_faults import Fault
+from smsid.diagnose._outliers import of_white_components, outlier_share, outliers, recount_outliers
+from smsid.diagnose._sensor_faults import Fault
 
 
 @pytest.fixture

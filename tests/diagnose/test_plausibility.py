@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from smsid.diagnose.plausibility import impossible, impossible_fit
+from smsid.diagnose._plausibility import impossible, impossible_fit
 from smsid.diagnose.result import FoundCause, Value
 from smsid.diagnose.score_test import Candidate
 from smsid.diagnose.verdict import describe, verdict

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from smsid.description import Description
-from smsid.diagnose.described_effects import from_described
+from smsid.diagnose._described_effects import from_described
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.priors import nominal
 from smsid.effects import JointFriction

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from smsid._statistics import NORMAL95
-from smsid.diagnose import profile_intervals as profile_module
+from smsid.diagnose import _profile_intervals as profile_module
+from smsid.diagnose._profile_intervals import profile_intervals
 from smsid.diagnose.model_comparison import unfitted_parameters
-from smsid.diagnose.profile_intervals import profile_intervals
 from smsid.diagnose.result import Value
 from smsid.effects import Payload
 from smsid.estimation.likelihood_profile import BetterMaximum

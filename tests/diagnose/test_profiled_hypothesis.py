@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.profiled_hypothesis import Imbalance, LeakHypothesis, ResolvedHypothesis
+from smsid.diagnose._profiled_hypothesis import Imbalance, LeakHypothesis, ResolvedHypothesis
 from smsid.effects import MassLoss, WheelImbalance
 from smsid.estimation.map_estimate import MapFit
 

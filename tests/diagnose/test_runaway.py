@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import diagnose
-from smsid.diagnose.open_loop import SETTLE, unexplained_fraction
+from smsid.diagnose._open_loop import SETTLE, unexplained_fraction
 from smsid.errors import SimulationError
 from smsid.estimation.map_estimate import evaluate
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from smsid.diagnose.noise_covariance import noise_factors
-from smsid.diagnose.sensor_faults import inflate_for_quantisation, quantised_channels, stuck_channels
+from smsid.diagnose._noise_covariance import noise_factors
+from smsid.diagnose._sensor_faults import inflate_for_quantisation, quantised_channels, stuck_channels
 from smsid.sensing.error_model import ErrorModel
 from tests.diagnose.test_attitude_rounding import rounded
 

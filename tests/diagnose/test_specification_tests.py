@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from smsid.diagnose._unknown_input import disturbances
 from smsid.diagnose.specification_tests import PAST, SpecificationTest, _log_chance, band_tests
-from smsid.diagnose.unknown_input import disturbances
 from smsid.estimation.bias_walk import BiasWalk
 from smsid.estimation.kalman import run_filter
 

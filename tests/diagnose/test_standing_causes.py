@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from smsid.diagnose import standing_causes
+from smsid.diagnose import _standing_causes as standing_causes
+from smsid.diagnose._standing_causes import find_standing_causes
 from smsid.diagnose.result import Alias, Diagnosis, FoundCause, Value
-from smsid.diagnose.standing_causes import find_standing_causes
 from smsid.diagnose.thresholds import DetectionThresholds
 from smsid.diagnose.verdict import verdict
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.diagnose import diagnose
-from smsid.diagnose.sensor_faults import (
+from smsid.diagnose._sensor_faults import (
     drop_samples,
     inflate_for_quantisation,
     quantised_channels,
     resting_channels,
     stuck_channels,
 )
+from smsid.diagnose.diagnose import diagnose
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise

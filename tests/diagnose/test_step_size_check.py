@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from smsid.diagnose.step_size_check import SEEN, discretisation_chi2, refine_steps
+from smsid.diagnose._step_size_check import SEEN, discretisation_chi2, refine_steps
 from smsid.estimation.map_estimate import evaluate
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from smsid.diagnose import stepwise
+from smsid.diagnose._strong_causes import Coarse
+from smsid.diagnose._unknown_input import CHANCE
 from smsid.diagnose.specification_tests import SpecificationTest
-from smsid.diagnose.strong_causes import Coarse
 from smsid.diagnose.thresholds import DetectionThresholds
-from smsid.diagnose.unknown_input import CHANCE
 from smsid.errors import RecordingError, SimulationError
 
 PAYLOAD, SCALE = (SimpleNamespace(location=place) for place in ("tool", "panel.acceleration"))

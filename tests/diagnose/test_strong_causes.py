@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from smsid.diagnose._strong_causes import coarse_cause
 from smsid.diagnose.hypotheses import propose
-from smsid.diagnose.strong_causes import coarse_cause
 from smsid.effects import ExternalWrench
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import CommandTiming, Problem, ProcessNoise

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from smsid.diagnose import strong_causes
-from smsid.diagnose.strong_causes import coarse_cause
+from smsid.diagnose import _strong_causes as strong_causes
+from smsid.diagnose._strong_causes import coarse_cause
 from smsid.errors import SimulationError
 
 

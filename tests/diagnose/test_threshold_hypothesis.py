@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from smsid.diagnose._threshold_hypothesis import ThresholdHypothesis
 from smsid.diagnose.hypotheses import CROSSED, propose
 from smsid.diagnose.score_test import score_candidates, signatures
-from smsid.diagnose.threshold_hypothesis import ThresholdHypothesis
 from smsid.diagnose.verdict import values
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate

@@ -16,15 +16,15 @@ from smsid.cli.app import app
 from smsid.datasets import have, tx40
 from smsid.description import load_description, save_description
 from smsid.diagnose import Diagnosis, diagnose
-from smsid.diagnose.torque.candidates import torque_candidates
-from smsid.diagnose.torque.equations import torque_equations
-from smsid.diagnose.torque.fit import (
+from smsid.diagnose.torque._equations import torque_equations
+from smsid.diagnose.torque._fit import (
     TorquePrior,
     TorqueTerm,
     effects_of,
     fit_torques,
 )
-from smsid.diagnose.torque.noise import learn_noise
+from smsid.diagnose.torque._noise import learn_noise
+from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.search import LEVELS
 from smsid.diagnose.torque.whitening import Whitening, robust_p_value
 from smsid.effects import JointFriction

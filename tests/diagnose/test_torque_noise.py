@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from smsid.diagnose.torque.noise import fit_all_joints, fit_each_joint
+from smsid.diagnose.torque._noise import fit_all_joints, fit_each_joint
 from smsid.diagnose.torque.whitening import Whitening, _autoregression, share_taken
 
 N, TAKEN = 200, 30

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from smsid.diagnose._truncated_mode import OFF, STEPS
 from smsid.diagnose.hypotheses import higher_modes, propose
 from smsid.diagnose.priors import nominal
 from smsid.diagnose.score_test import score_candidates, signatures
-from smsid.diagnose.truncated_mode import OFF, STEPS
 from smsid.effects import BeamMode
 from smsid.estimation.map_estimate import evaluate
 from smsid.estimation.sensitivities import propagate

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.specification_tests import SpecificationTest
-from smsid.diagnose.thresholds import THRESHOLDS
-from smsid.diagnose.unknown_input import (
+from smsid.diagnose._unknown_input import (
     CHANCE,
     UnknownInput,
     disturbances,
@@ -16,6 +14,8 @@ from smsid.diagnose.unknown_input import (
     unknown_input_tests,
     with_unknown,
 )
+from smsid.diagnose.specification_tests import SpecificationTest
+from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.sensitivities import Sensitivity, propagate
 

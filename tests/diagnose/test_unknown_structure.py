@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.diagnose.noise_covariance import InflatedFit, with_misfit
-from smsid.diagnose.unknown_structure import but_for_a_structure, refit_noise, with_structure_again
+from smsid.diagnose._noise_covariance import InflatedFit, with_misfit
+from smsid.diagnose._unknown_structure import but_for_a_structure, refit_noise, with_structure_again
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.problem import CommandTiming

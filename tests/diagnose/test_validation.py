@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from smsid.diagnose.sensor_faults import Fault
+from smsid.diagnose._sensor_faults import Fault
 from smsid.diagnose.validation import gain
 
 CHANNEL, AXIS = "imu.angular_rate", 1

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from smsid.diagnose.added_oscillator import LEAST, STEP
+from smsid.diagnose._added_oscillator import LEAST, STEP
+from smsid.diagnose._profiled_hypothesis import ResolvedHypothesis
+from smsid.diagnose._wald_test import wald
 from smsid.diagnose.hypotheses import propose
 from smsid.diagnose.model_comparison import refit
-from smsid.diagnose.profiled_hypothesis import ResolvedHypothesis
 from smsid.diagnose.score_test import Candidate, score_candidates, signatures
-from smsid.diagnose.wald_test import wald
 from smsid.effects import Slosh
 from smsid.estimation.map_estimate import fit
 

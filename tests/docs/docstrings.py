@@ -93,8 +93,7 @@ def modules() -> Iterator[tuple[str, ast.Module]]:
     """Give every public module with its name in the package; the command line documents itself by --help."""
     for path in sorted(PACKAGE.rglob("*.py")):
         parts = path.relative_to(PACKAGE).with_suffix("").parts
-        private = any(p.startswith("_") and p != "__init__" for p in parts)
-        if private or parts[0] == "cli" or parts[-1].endswith("command"):
+        if parts[0] == "cli" or parts[-1].endswith("command"):
             continue
         yield ".".join(("smsid", *parts)), ast.parse(path.read_text(encoding="utf-8"))
 

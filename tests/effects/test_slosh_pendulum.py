@@ -10,7 +10,7 @@ from scipy.special import ellipk
 
 from smsid.description import Description
 from smsid.effects import SloshPendulum
-from smsid.export.mjcf import write_mjcf
+from smsid.export._mjcf import write_mjcf
 from smsid.model import build_model
 from smsid.simulate import Constant, Inputs, simulate
 from smsid.tracking import Sample, Tracker

@@ -17,7 +17,7 @@ from smsid.model import SpacecraftModel, build_model, rebuild
 from smsid.recording.channels import QUANTITIES
 from smsid.sensing import Sensor
 from smsid.simulate import Fourier, Inputs
-from smsid.simulate.dynamics import Dynamics
+from smsid.simulate._dynamics import Dynamics
 from tests.effects.test_catalogue import example
 
 STRONG = sorted(kind for kind, cls in catalogue().items() if cls.strength)

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from smsid.description import Description
 from smsid.effects import Slosh, TankFill
 from smsid.errors import SmsidError
-from smsid.export.mjcf import write_mjcf
+from smsid.export._mjcf import write_mjcf
 from smsid.model import build_model
 from smsid.simulate import Constant, Inputs, simulate
 from smsid.tracking import Sample, Tracker

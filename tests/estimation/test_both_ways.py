@@ -11,13 +11,13 @@ from smsid.estimation.kalman import run_filter
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import Belief, CommandTiming, Problem, ProcessNoise
+from smsid.likelihood._switch_times import on_found_times, switch_times, with_switch_times
 from smsid.likelihood.fit import minimise
 from smsid.likelihood.nuisance_parameters import Nuisance
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.point import SearchPoint
 from smsid.likelihood.prior import Prior
 from smsid.likelihood.recording_term import piece_of
-from smsid.likelihood.switch_times import on_found_times, switch_times, with_switch_times
 from tests.likelihood import twin
 
 BUS_INERTIA, HELD = (4, 6, 9), 1e9  # places of Ixx, Iyy, Izz, and what no thrust turns [kg m^2]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
-from smsid.comparison.explanations import _chance
-from smsid.estimation.contradictions import RecordingInformation, contradictions_of
-from smsid.estimation.differences import Base
+from smsid.comparison._explanations import _chance
+from smsid.estimation._contradictions import RecordingInformation, contradictions_of
+from smsid.estimation._differences import Base
+from smsid.estimation._prior_conflict import conflict_of
 from smsid.estimation.kalman import KalmanFilter
-from smsid.estimation.prior_conflict import conflict_of
 from smsid.estimation.problem import UnknownInput
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum_regression import regress

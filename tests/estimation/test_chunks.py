@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid.estimation._normal_equations import normal_equations, objective_of
 from smsid.estimation.flight import flight_of
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.map_estimate import columns_of
 from smsid.estimation.measurements import measurements_of
-from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.problem import Belief, UnknownInput
 from smsid.estimation.sensitivities import Sensitivities, propagate
 from smsid.estimation.unknowns import unknowns_of
@@ -48,7 +48,7 @@ def test_what_is_commanded_is_made_once_for_all_chunks(known, flight, monkeypatc
     """Of a whole recording at each of them, time would go with its square."""
     made, plain = [], Inputs.applied
     monkeypatch.setattr(Inputs, "applied", lambda self, model: made.append(1) or plain(self, model))
-    monkeypatch.setattr("smsid.estimation.normal_equations.SAMPLES_AT_ONCE", 50)
+    monkeypatch.setattr("smsid.estimation._normal_equations.SAMPLES_AT_ONCE", 50)
     normal_equations(known.point, unknowns_of(known.point).unknowns[:2], [flight])
     assert len(flight.problem.data.times) > 500 and len(made) == 1
 

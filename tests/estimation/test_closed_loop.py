@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 from scipy.stats import chi2
 
+from smsid.estimation._normal_equations import normal_equations
 from smsid.estimation.commands_between_samples import as_commands_act, with_timing
 from smsid.estimation.flight import flight_of
-from smsid.estimation.normal_equations import normal_equations
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.unknowns import sensor_unknowns, unknowns_of

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from smsid.estimation import contradictions as module
-from smsid.estimation.contradictions import (
+from smsid.estimation import _contradictions as module
+from smsid.estimation._contradictions import (
     Contradiction,
     RecordingInformation,
     contradictions_of,

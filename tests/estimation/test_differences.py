@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from smsid.estimation.differences import DERIVATIVE_TOLERANCE, derivatives_hold, difference_equations
+from smsid.estimation._differences import DERIVATIVE_TOLERANCE, derivatives_hold, difference_equations
+from smsid.estimation._maximum import _one_step_on, equations_at_maximum, has_converged, maximise
+from smsid.estimation._normal_equations import normal_equations, objective_of
+from smsid.estimation._retraction import retract
+from smsid.estimation._trust_region import bounded_step, predicted_gain
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.maximum import _one_step_on, equations_at_maximum, has_converged, maximise
-from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming
-from smsid.estimation.retraction import retract
-from smsid.estimation.trust_region import bounded_step, predicted_gain
 from smsid.estimation.unknowns import unknowns_of
 from tests.estimation.satellite import Satellite, guess, recorded
 

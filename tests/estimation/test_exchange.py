@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from smsid.description.schema import Description, Thruster
 from smsid.effects import ModalAppendage, ThrusterGain
 from smsid.effects.appendage import Mode
-from smsid.estimation.exchange import _exchanged, _near, _pairs, distinct, likely_exchanges
+from smsid.estimation._exchange import _exchanged, _near, _pairs, distinct, likely_exchanges
+from smsid.estimation._normal_equations import normal_equations
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.normal_equations import normal_equations
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.unknowns import unknowns_of
 from smsid.recording import Recording

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from smsid.description import load_description, save_description
-from smsid.diagnose.extended_description import (
+from smsid.diagnose._extended_description import (
     WIDE,
     extended_point,
     with_body_errors,

@@ -24,7 +24,7 @@ def test_marginal_combinations_go_to_the_filter_which_marks_them(evidence, monke
     estimate = Estimate("x", "ml", (), notes=("first", "last"))
     quality = SimpleNamespace(judgement="explained")
     flights = SimpleNamespace(estimate=estimate, quality=quality, contradictions=())
-    monkeypatch.setattr("smsid.estimation.mapping_check.wrong_columns", lambda *_: [])
+    monkeypatch.setattr("smsid.estimation._mapping_check.wrong_columns", lambda *_: [])
     monkeypatch.setattr(identify, "by_the_paper", raises)
     flown = "smsid.estimation.identify_flights.identify_flights"
     monkeypatch.setattr(flown, lambda *_, **__: flights)
@@ -45,7 +45,7 @@ def test_no_column_is_sought_that_would_make_a_still_flight_move(unexcited, monk
     def raises(*_, **__):
         raise NotIdentifiableError("No wheel turns.", unexcited=unexcited)
 
-    monkeypatch.setattr("smsid.estimation.mapping_check.wrong_columns", lambda *_: sought.append(1) or [])
+    monkeypatch.setattr("smsid.estimation._mapping_check.wrong_columns", lambda *_: sought.append(1) or [])
     monkeypatch.setattr(identify, "by_the_paper", raises)
     with pytest.raises(NotIdentifiableError, match="No wheel turns"):
         identify.identify_spacecraft(SimpleNamespace(effect=(), effective_sensors=tuple), [])

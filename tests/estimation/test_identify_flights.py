@@ -8,12 +8,12 @@ import pytest
 
 from smsid.effects import SensorBias
 from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.estimation._mapping_check import wrong_columns
 from smsid.estimation.fit_quality import ChannelFit, FitQuality
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.flight_search import convergence_error
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.mapping_check import wrong_columns
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.sensing import Sensor

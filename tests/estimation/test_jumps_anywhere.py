@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from smsid.estimation._normal_equations import problem_at
+from smsid.estimation._smoothed_motion import smoothed_runs
+from smsid.estimation._smoother import smoothed_states
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.input_timing import timings
 from smsid.estimation.kalman import KalmanFilter, run_filter
-from smsid.estimation.normal_equations import problem_at
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming
-from smsid.estimation.smoothed_motion import smoothed_runs
-from smsid.estimation.smoother import smoothed_states
 from smsid.estimation.unknowns import unknowns_of
 from smsid.kernel.jit import SWITCH, numba
 from smsid.recording import Recording

@@ -7,10 +7,10 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm
 
+from smsid.estimation._measurement_model import MeasurementModel
 from smsid.estimation.filter_pass import predict_delayed
 from smsid.estimation.kalman import _readable, run_filter
 from smsid.estimation.map_estimate import columns_of
-from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.problem import CommandTiming
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Sensitivities, Sensitivity, propagate

@@ -11,10 +11,16 @@ from scipy.optimize import minimize
 from smsid.effects import GearCompliance
 from smsid.effects.friction import JointFriction
 from smsid.estimation import map_estimate as fitting
+from smsid.estimation._trust_region import (
+    bounded_step,
+    damping_within,
+    next_radius,
+    room_within_bounds,
+    sizes,
+)
 from smsid.estimation.map_estimate import evaluate, fit
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Unknown
-from smsid.estimation.trust_region import bounded_step, damping_within, next_radius, room_within_bounds, sizes
 from smsid.experiments import fly, named_experiment
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from smsid.estimation._mapping_check import wrong_columns
 from smsid.estimation.flight import flight_of
-from smsid.estimation.mapping_check import wrong_columns
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from tests.estimation.satellite import Satellite, burns_and_wheels, guess, recorded

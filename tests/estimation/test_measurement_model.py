@@ -6,7 +6,7 @@ import pytest
 
 from smsid.description import load_description
 from smsid.effects import BeamMode, GearCompliance, GeometricStiffness
-from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation._measurement_model import MeasurementModel
 from smsid.estimation.measurements import measurements_of
 from smsid.model import build_model
 from smsid.recording import Recording

@@ -6,7 +6,7 @@ import pytest
 
 from smsid.effects import SensorBias
 from smsid.errors import RecordingError
-from smsid.estimation.measurement_model import MeasurementModel
+from smsid.estimation._measurement_model import MeasurementModel
 from smsid.estimation.measurements import measurements_of
 from smsid.recording import Recording
 from smsid.simulate.trajectory import States

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from smsid.estimation._measurement_model import MeasurementModel
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.measurements import measurements_of
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.sensitivities import Sensitivities

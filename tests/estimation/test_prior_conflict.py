@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from smsid.estimation import prior_conflict
+from smsid.estimation import _prior_conflict as prior_conflict
+from smsid.estimation._prior_conflict import conflict_of
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.prior_conflict import conflict_of
 from tests.estimation.satellite import Satellite, guess, recorded
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import nnls
 from scipy.stats import norm
 
-from smsid.estimation.profile_interval import profile_limit
+from smsid.estimation._profile_interval import profile_limit
 
 DESIGN = np.array([[1.0, 0.6], [0.0, 0.8], [0.3, -0.2], [0.5, 0.5]])
 ROOM = np.array([[0.0, np.inf], [0.0, np.inf]])

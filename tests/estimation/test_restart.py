@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from smsid.estimation._maximum import maximise
+from smsid.estimation._restart import guess_sigma, likeliest_of_restarts
 from smsid.estimation.flight import flight_of
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.maximum import maximise
 from smsid.estimation.parameter_vector import Point, Unknown
-from smsid.estimation.restart import guess_sigma, likeliest_of_restarts
 from smsid.estimation.unknowns import unknowns_of
 from tests.estimation.satellite import Satellite, burns_and_wheels, guess, recorded
 

@@ -6,8 +6,8 @@ import pytest
 
 from smsid.effects.appendage_effect import ExtraMode
 from smsid.effects.payload import MassLoss
+from smsid.estimation._retraction import retract
 from smsid.estimation.parameter_vector import Unknown
-from smsid.estimation.retraction import retract
 
 
 def test_a_mass_on_springs_that_moves_leaves_the_whole_as_it_is(known):

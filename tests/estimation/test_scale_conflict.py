@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from smsid.estimation._scale_conflict import ScaleConflict
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.scale_conflict import ScaleConflict
 from tests.estimation.satellite import Satellite, burns_and_wheels, guess, recorded
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))

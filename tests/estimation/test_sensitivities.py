@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 from smsid.effects import GearCompliance, GeometricStiffness, JointFriction
+from smsid.estimation._measurement_model import MeasurementModel
 from smsid.estimation.joint_problem import at_point
 from smsid.estimation.kalman import run_filter
-from smsid.estimation.measurement_model import MeasurementModel
 from smsid.estimation.parameter_vector import Unknown
 from smsid.estimation.process_model import ProcessModel
 from smsid.estimation.sensitivities import Entries, Sensitivities, _carry, propagate

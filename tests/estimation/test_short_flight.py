@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from smsid.estimation._normal_equations import objective_of
 from smsid.estimation.identify_flights import identify_flights
-from smsid.estimation.normal_equations import objective_of
 from smsid.estimation.parameter_vector import Point
 from tests.estimation.satellite import Satellite, guess, recorded, true_values
 

@@ -9,16 +9,18 @@ import pinocchio as pin
 import pytest
 
 from smsid.effects import SensorScale
-from smsid.estimation import kalman, smoothed_motion, walks_by_gain
-from smsid.estimation import normal_equations as equations
+from smsid.estimation import _normal_equations as equations
+from smsid.estimation import _smoothed_motion as smoothed_motion
+from smsid.estimation import _walks_by_gain as walks_by_gain
+from smsid.estimation import kalman
+from smsid.estimation._normal_equations import normal_equations, objective_of, problem_at
+from smsid.estimation._retraction import retract
+from smsid.estimation._smoothed_motion import SmoothedRun, smoothed_runs
+from smsid.estimation._smoother import smoothed_states
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.loosening import loosen_model
-from smsid.estimation.normal_equations import normal_equations, objective_of, problem_at
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.retraction import retract
-from smsid.estimation.smoothed_motion import SmoothedRun, smoothed_runs
-from smsid.estimation.smoother import smoothed_states
 from smsid.estimation.unknowns import effect_unknown, sensor_unknowns, unknowns_of
 from smsid.sensing.error_model import ErrorModel
 from tests.estimation.satellite import Satellite, guess, recorded, true_values

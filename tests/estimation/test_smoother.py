@@ -10,14 +10,14 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve
 
 from smsid.effects import ModalAppendage
+from smsid.estimation._normal_equations import normal_equations
+from smsid.estimation._smoother import bryson_frazier, smoothed_states
 from smsid.estimation.fit_quality import fit_quality
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.hidden_states import hidden_states
 from smsid.estimation.identify_flights import FlightEstimate
-from smsid.estimation.normal_equations import normal_equations
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming
-from smsid.estimation.smoother import bryson_frazier, smoothed_states
 from smsid.estimation.unknowns import unknowns_of
 from smsid.identify.estimate import Estimate, classify
 from smsid.recording import load_recording, save_recording

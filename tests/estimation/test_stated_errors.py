@@ -6,7 +6,8 @@ from scipy.stats import chi2
 
 from smsid.errors import RecordingError
 from smsid.estimation import kalman
-from smsid.estimation.differences import DERIVATIVE_TOLERANCE, difference_equations
+from smsid.estimation._differences import DERIVATIVE_TOLERANCE, difference_equations
+from smsid.estimation._smoother import predicted_covariances
 from smsid.estimation.flight import flight_of
 from smsid.estimation.gaps import pieces_of
 from smsid.estimation.identify import identify_spacecraft
@@ -14,7 +15,6 @@ from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.kalman import KalmanFilter
 from smsid.estimation.measurements import _block, measurements_of
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.smoother import predicted_covariances
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor, observe
@@ -22,8 +22,8 @@ from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import GAUSS_MARKOV_ALLAN_PEAK, ErrorModel
 from smsid.simulate import Inputs, Sampled, simulate, truth_of
 from smsid.tracking import Tracker
+from smsid.tracking._sample import samples_of
 from smsid.tracking.followed_parameters import followed_parameters
-from smsid.tracking.sample import samples_of
 from tests.estimation.satellite import Satellite, guess, recorded, true_values
 from tests.identify.support import paper
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from smsid.effects import JointFriction
+from smsid.estimation._maximum import maximise
 from smsid.estimation.flight import flight_of
-from smsid.estimation.maximum import maximise
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.step_size import finely_stepped
 from smsid.estimation.unknowns import unknowns_of

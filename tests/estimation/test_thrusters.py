@@ -18,7 +18,7 @@ from smsid.model import build_model
 from smsid.model.column_order import order_columns
 from smsid.recording import Recording
 from smsid.simulate import Inputs
-from smsid.tracking.drive import CommandMemory
+from smsid.tracking._drive import CommandMemory
 from tests.estimation.satellite import Satellite, guess, recorded
 
 RIGID = Satellite(tank=(1e-9, 1e-9, 1e-9), panel=(1.0, 0.1, 1e-6, -1e-6))

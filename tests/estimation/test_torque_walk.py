@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from smsid.estimation import torque_walk
-from smsid.estimation.torque_walk import SPAN, _log_likelihood, acceleration_walks
+from smsid.estimation import _torque_walk as torque_walk
+from smsid.estimation._torque_walk import SPAN, _log_likelihood, acceleration_walks
 
 SIGMA = np.array([0.02, 0.05])
 

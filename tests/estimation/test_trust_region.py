@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from smsid.estimation import trust_region
+from smsid.estimation import _trust_region as trust_region
+from smsid.estimation._trust_region import descend
 from smsid.estimation.parameter_vector import Unknown
-from smsid.estimation.trust_region import descend
 
 BEND = 100.0  # of Rosenbrock's valley
 

@@ -10,14 +10,14 @@ import pytest
 
 from smsid.effects import SensorScale
 from smsid.estimation import flight_search, kalman
-from smsid.estimation.differences import difference_equations
+from smsid.estimation._differences import difference_equations
+from smsid.estimation._normal_equations import normal_equations, objective_of
+from smsid.estimation._smoother import predicted_covariances
 from smsid.estimation.flight import flight_of
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.kalman import KalmanFilter
-from smsid.estimation.normal_equations import normal_equations, objective_of
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming, UnknownInput
-from smsid.estimation.smoother import predicted_covariances
 from smsid.estimation.unknowns import unknowns_of
 from smsid.recording import Recording
 from tests.estimation.satellite import NOISE, Satellite, guess, recorded, true_values

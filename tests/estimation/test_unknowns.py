@@ -6,9 +6,9 @@ import pytest
 
 from smsid.effects import BeamAppendage, Payload, WheelImbalance
 from smsid.errors import DescriptionError
+from smsid.estimation._retraction import retract
 from smsid.estimation.panels import modal_panels, plain_panels
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.retraction import retract
 from smsid.estimation.unknowns import unknowns_of
 from smsid.model import build_model
 from smsid.model.regressor import INERTIAL_NAMES

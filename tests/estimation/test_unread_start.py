@@ -7,14 +7,14 @@ import pinocchio as pin
 import pytest
 from scipy.stats import chi2
 
-from smsid.estimation.differences import difference_equations
+from smsid.estimation._differences import difference_equations
+from smsid.estimation._normal_equations import normal_equations
+from smsid.estimation._retraction import retract
+from smsid.estimation._unread_start import with_unread_start
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.normal_equations import normal_equations
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.retraction import retract
 from smsid.estimation.unknowns import unknowns_of
-from smsid.estimation.unread_start import with_unread_start
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 from smsid.sensing.error_model import ErrorModel

@@ -9,7 +9,8 @@ import pytest
 
 from smsid.description import load_description
 from smsid.effects import JointFriction
-from smsid.experiments import Experiment, named
+from smsid.experiments import Experiment
+from smsid.experiments import _named as named
 from smsid.experiments.schema import StepProfile
 from smsid.model import SpacecraftModel, build_model
 

@@ -10,7 +10,7 @@ from smsid.description import Description
 from smsid.effects import JointCable, JointFriction, ModalAppendage, Mode, MotorCoupling, Servo
 from smsid.errors import DescriptionError
 from smsid.export import write_mjcf
-from smsid.export.mjcf import counterparts
+from smsid.export._mjcf import counterparts
 from smsid.model import build_model
 
 from .machines import MACHINES, URDF, random_state, to_mujoco

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from odrpack import odr_fit
 
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.tls import accumulate, total_least_squares
+from smsid.identify._tls import accumulate, total_least_squares
 
 X = np.array([2.0, -1.0, 0.5])
 

@@ -27,17 +27,17 @@ from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.measurements import matrix
 from smsid.estimation.problem import UnknownForces
+from smsid.kernel._forces import add_forces
+from smsid.kernel._motion import start_of_chart
+from smsid.kernel._tree import workspace
 from smsid.kernel.arrays import arrays_of
 from smsid.kernel.derivatives import derivatives, inverse_dynamics
 from smsid.kernel.filter_arrays import Samples, State
-from smsid.kernel.forces import add_forces
 from smsid.kernel.jit import SWITCH, numba
-from smsid.kernel.motion import start_of_chart
-from smsid.kernel.tree import workspace
 from smsid.model import build_model
 from smsid.sensing import Sensor
 from smsid.tracking import Tracker
-from smsid.tracking.setting import Setting
+from smsid.tracking._setting import Setting
 
 N, STEP = 4, 0.05  # samples, [s] between them
 UNKNOWN = np.array([0.1, -0.2, 0.7])  # two unknown inputs, and the rate of the second

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.control import compiled_flight
+from smsid.control import _compiled_flight as compiled_flight
+from smsid.control._compiled_flight import CompiledFlight
+from smsid.control._sensed import SensedState
 from smsid.control.closed_loop import Actuators, track, track_many
-from smsid.control.compiled_flight import CompiledFlight
 from smsid.control.gains import gains
 from smsid.control.pd import ModelBasedController
 from smsid.control.reduced import ReducedDynamics, perturb_bodies
 from smsid.control.robust_term import design_robust_term
-from smsid.control.sensed import SensedState
 from smsid.control.trajectory import Reference, minimum_jerk
 from smsid.control.weights import weights_from_level
 from smsid.errors import ControlError, SimulationError

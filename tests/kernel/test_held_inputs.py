@@ -10,7 +10,7 @@ from smsid.errors import SimulationError
 from smsid.kernel.arrays import Kernel, arrays_of
 from smsid.model import build_model
 from smsid.simulate import Inputs, PiecewiseConstant, Sampled, Tolerance, simulate, simulate_closed_loop
-from smsid.simulate.held_chart import HeldChart
+from smsid.simulate._held_chart import HeldChart
 from smsid.simulate.held_step import held_step, take_held_steps
 
 from .test_filter import FORCES, LAWS

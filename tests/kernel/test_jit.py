@@ -19,7 +19,7 @@ import numpy as np
 {before}
 logging.basicConfig(level=logging.INFO, format="%(message)s")
 from smsid.description import load_description
-from smsid.kernel import jit, tree
+from smsid.kernel import jit, _tree as tree
 from smsid.kernel.arrays import Kernel
 from smsid.model import build_model
 from smsid.paths import urdf_folder

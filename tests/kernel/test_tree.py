@@ -10,11 +10,11 @@ import pytest
 from scipy.linalg import expm
 
 from smsid.effects import JointFriction
+from smsid.kernel._motion import chart_rate, gravity_here, move, start_of_chart
+from smsid.kernel._tree import acceleration, workspace
 from smsid.kernel.arrays import Kernel, arrays_of
 from smsid.kernel.columns import TURNING
-from smsid.kernel.motion import chart_rate, gravity_here, move, start_of_chart
 from smsid.kernel.steps import conserved
-from smsid.kernel.tree import acceleration, workspace
 from smsid.model import build_model
 from smsid.simulate.trajectory import closing_audit
 

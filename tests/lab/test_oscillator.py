@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from smsid.datasets import have, silverbox
-from smsid.datasets.recordings import SILVERBOX_RATE
+from smsid.datasets._recordings import SILVERBOX_RATE
 from smsid.errors import NotIdentifiableError
 from smsid.lab import Oscillator, fit_oscillator
 

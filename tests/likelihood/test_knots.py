@@ -13,11 +13,11 @@ from scipy.stats import chi2
 
 from smsid.description import Description, load_description
 from smsid.description.draft import CraftDraft, draft_arm
-from smsid.estimation.batch_check import batch_contradictions
+from smsid.estimation._batch_check import batch_contradictions
 from smsid.experiments import fly, named_experiment
 from smsid.likelihood import Refinement, fisher_information, refine
+from smsid.likelihood._knots import _has_gaps, refined_motion, resolution, resolves_ringing
 from smsid.likelihood.fit import fit
-from smsid.likelihood.knots import _has_gaps, refined_motion, resolution, resolves_ringing
 from smsid.likelihood.normal import Normal
 from smsid.likelihood.point import SearchPoint
 from smsid.likelihood.refine import OF_PARTS

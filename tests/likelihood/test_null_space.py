@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smsid.likelihood import Refinement, refine
-from smsid.likelihood.null_space import UnseenDirection
+from smsid.likelihood._null_space import UnseenDirection
 
 from . import twin
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from smsid.likelihood._outputs import Kinematics
 from smsid.likelihood.jacobian import columns, normal
 from smsid.likelihood.nuisance_parameters import Nuisance, NuisanceValues
-from smsid.likelihood.outputs import Kinematics
 from smsid.likelihood.parameters import Parameters
 from smsid.likelihood.recording_term import RecordingTerm, piece_of
 

@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 
 from smsid.estimation.identify import identify_spacecraft
-from smsid.likelihood.jacobian import columns
-from smsid.likelihood.nuisance_parameters import SWITCH, Nuisance
-from smsid.likelihood.parameters import Parameters
-from smsid.likelihood.point import Evaluation, SearchPoint
-from smsid.likelihood.prior import Prior
-from smsid.likelihood.recording_term import RecordingTerm, piece_of
-from smsid.likelihood.switch_times import (
+from smsid.likelihood._switch_times import (
     intervals,
     moved_to,
     on_found_times,
@@ -24,6 +18,12 @@ from smsid.likelihood.switch_times import (
     switch_times,
     with_switch_times,
 )
+from smsid.likelihood.jacobian import columns
+from smsid.likelihood.nuisance_parameters import SWITCH, Nuisance
+from smsid.likelihood.parameters import Parameters
+from smsid.likelihood.point import Evaluation, SearchPoint
+from smsid.likelihood.prior import Prior
+from smsid.likelihood.recording_term import RecordingTerm, piece_of
 from smsid.recording import Recording
 
 from . import twin

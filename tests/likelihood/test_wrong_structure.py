@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.estimation.batch_check import channels_left
+from smsid.estimation._batch_check import channels_left
 from smsid.likelihood import refine
 from smsid.likelihood.fit import ConvergenceError
 from smsid.likelihood.search import PATIENCE

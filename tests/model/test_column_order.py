@@ -168,8 +168,8 @@ def consumers():
     from smsid.likelihood.nuisance_parameters import Nuisance
     from smsid.likelihood.recording_term import piece_of
     from smsid.report.stabilisation import diagrams
-    from smsid.view.main import simulated_twin
-    from smsid.view.recorded import recorded_motion
+    from smsid.view._main import simulated_twin
+    from smsid.view._recorded import recorded_motion
 
     def motion(r: Recording):
         m = prepare(paper(), r)
@@ -234,7 +234,7 @@ def test_identification_takes_columns_by_their_labels():
 def test_every_entry_refuses_a_wrong_label_by_name():
     from smsid.diagnose.diagnose import diagnose
     from smsid.identify.paper.pipeline import identify
-    from smsid.view.recorded import recorded_motion
+    from smsid.view._recorded import recorded_motion
 
     wrong = relabelled(flown("exp2", 20.0), "wheel", ("wheel_x", "wheel_y", "wheel_w"))
     description = paper().description

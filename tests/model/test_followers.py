@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from smsid.campaign.identification import _base
+from smsid.campaign._identification import _base
 from smsid.description import Description, load_description
 from smsid.errors import DescriptionError, RecordingError
 from smsid.estimation.process_model import ProcessModel

@@ -13,7 +13,7 @@ import pytest
 from smsid.description import Arm, Description, Mount, load_description
 from smsid.effects import ExtraMode, Payload, Slosh, SloshPendulum
 from smsid.model import build_model, rebuild
-from smsid.model.joint_order import is_depth_first
+from smsid.model._joint_order import is_depth_first
 
 
 def _tank(name: str, frame: str) -> Slosh:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from smsid.recording._attitude import conjugate, rotate, slerp, turn_between
+from smsid.recording.attitude import conjugate, rotate, slerp, turn_between
 
 seeds = st.integers(0, 2**32 - 1)
 

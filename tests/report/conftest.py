@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from smsid.report._traces import Trace, Traces
 from smsid.report.axes import Axis
 from smsid.report.heat import HeatCell, HeatMap
 from smsid.report.model import Cell, Figure, Grid, Provenance, Report, Section, Table, Text
 from smsid.report.plot import Band, Curve, Plot, Rule
 from smsid.report.rows import Bar, ChartRow, Mark, RowChart
-from smsid.report.traces import Trace, Traces
 
 HOSTILE = '</script><script>alert("x")</script> & "quoted" \'single\''
 

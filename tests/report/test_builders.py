@@ -27,13 +27,13 @@ from smsid.diagnose import (
 from smsid.identify.estimate import Estimate, classify
 from smsid.paper.table4_study import study_report
 from smsid.report import render
+from smsid.report._spectra import spectrum_grid
+from smsid.report._traces import Trace
 from smsid.report.campaign import campaign_report, normalised_errors
 from smsid.report.control import _robust
 from smsid.report.diagnose import DiagnosisInputs, diagnose_report, shorten
 from smsid.report.diagnosis_map import diagnosis_map, evidence
 from smsid.report.parameters import correlations, identifiability, parameter_table
-from smsid.report.spectra import spectrum_grid
-from smsid.report.traces import Trace
 
 from .pages import check_page
 

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from smsid.report._traces import Traces, spark
 from smsid.report.axes import Axis, ticks_of
 from smsid.report.heat import step_of
 from smsid.report.numbers import half, number, share, tick_label, unit
 from smsid.report.plot import Band, Curve, Plot, Rule, path
 from smsid.report.rows import ChartRow, Mark, RowChart
-from smsid.report.traces import Traces, spark
 
 from .conftest import trace
 

@@ -22,7 +22,7 @@ from smsid.simulate import (
     Tolerance,
     simulate,
 )
-from smsid.simulate.dynamics import Dynamics
+from smsid.simulate._dynamics import Dynamics
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 PAPER = load_description(URDF / "paper_sms.toml")

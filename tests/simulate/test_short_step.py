@@ -14,8 +14,8 @@ from smsid.inputs.signals import Sampled, merge
 from smsid.kernel.jit import SWITCH
 from smsid.model import build_model
 from smsid.simulate import Inputs, Tolerance, simulate
-from smsid.simulate.held_chart import HeldChart
-from smsid.simulate.short_step import ShortPiece, short_step, short_steps
+from smsid.simulate._held_chart import HeldChart
+from smsid.simulate._short_step import ShortPiece, short_step, short_steps
 
 A = np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 0.5], [0.0, -0.3, -0.2]])
 START = np.array([1.0, -0.5, 0.3])

@@ -8,7 +8,7 @@ from scipy.integrate import Radau, solve_ivp
 
 from smsid.errors import SimulationError
 from smsid.simulate import Constant, Fourier, Inputs, simulate
-from smsid.simulate.stiff_steps import Stiffness, StiffSteps
+from smsid.simulate._stiff_steps import Stiffness, StiffSteps
 
 from .conftest import COULOMB, INERTIA, SMOOTHING
 

@@ -8,9 +8,9 @@ from scipy.stats import multivariate_normal
 
 from smsid.estimation.flight import FlightOptions
 from smsid.tracking import Tracker, track_recordings
-from smsid.tracking.change_detection import ChangeDetector
-from smsid.tracking.sample import samples_of
-from smsid.tracking.setting import Setting
+from smsid.tracking._change_detection import ChangeDetector
+from smsid.tracking._sample import samples_of
+from smsid.tracking._setting import Setting
 
 from .craft import craft, flight
 from .test_change_detection import FOLLOW

@@ -12,8 +12,8 @@ from smsid.effects import ExternalWrench, JointFriction, ThrusterGain
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.tracking import ChangeDetector, Tracker, load_tracker, save_tracker
-from smsid.tracking.sample import samples_of
-from smsid.tracking.setting import Setting
+from smsid.tracking._sample import samples_of
+from smsid.tracking._setting import Setting
 from tests.estimation.satellite import Satellite, guess, recorded
 
 from .craft import STEP

@@ -11,9 +11,9 @@ import pytest
 from smsid.estimation.flight import FlightOptions
 from smsid.recording import Recording
 from smsid.tracking import ChangeDetector, Tracker, track_recordings
-from smsid.tracking.jump_runs import JumpRuns, Rerun
-from smsid.tracking.sample import samples_of
-from smsid.tracking.setting import Setting
+from smsid.tracking._jump_runs import JumpRuns, Rerun
+from smsid.tracking._sample import samples_of
+from smsid.tracking._setting import Setting
 from tests.estimation.satellite import recorded
 
 from .craft import INERTIA, RIGID, STEP, craft, flight, mean_over_step, wheels

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from smsid.estimation._smoother import smoothed_states
 from smsid.estimation.flight import FlightOptions, flight_of
 from smsid.estimation.parameter_vector import Point
-from smsid.estimation.smoother import smoothed_states
 from smsid.recording import Recording
 from smsid.tracking import track_recordings
 from smsid.tracking.history import load_history, save_history

@@ -23,8 +23,8 @@ from smsid.model import build_model
 from smsid.recording import Recording, save_recording
 from smsid.sensing import add_noise
 from smsid.tracking import MomentumTracker, Sample
-from smsid.tracking.hidden_state_carrier import HiddenStateCarrier
-from smsid.tracking.sample import samples_of
+from smsid.tracking._hidden_state_carrier import HiddenStateCarrier
+from smsid.tracking._sample import samples_of
 from tests.identify.support import from_twin, paper
 
 WINDOW = 14.0  # [s]

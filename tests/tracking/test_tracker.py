@@ -18,9 +18,9 @@ from smsid.model import build_model
 from smsid.model.regressor import Regressor
 from smsid.recording import Recording
 from smsid.tracking import Sample, Tracker, load_tracker, save_tracker, track_recordings
+from smsid.tracking._sample import samples_of
+from smsid.tracking._setting import Setting
 from smsid.tracking.followed_parameters import Followed
-from smsid.tracking.sample import samples_of
-from smsid.tracking.setting import Setting
 from smsid.tracking.tracker_file import FOLLOWED
 
 from .craft import INERTIA, craft, flight, true_inertia
@@ -58,8 +58,8 @@ def streaming(description, lateness=0.0):
 
 def test_constant_parameters_end_at_the_batch_estimate(description, recording, tracked):
     """The maximum of the posterior with the same prior, found by Gauss and Newton on the whole recording."""
+    from smsid.estimation._maximum import maximise
     from smsid.estimation.flight import flight_of
-    from smsid.estimation.maximum import maximise
     from smsid.estimation.parameter_vector import Point
     from smsid.tracking import followed_parameters
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from smsid.view import Look, export_html, replay
-from smsid.view.scene import joint_paths
+from smsid.view._scene import joint_paths
 
 from .browser import Player, needs_chromium, run_page
 

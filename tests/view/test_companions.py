@@ -15,9 +15,9 @@ from smsid.model.build import build_model
 from smsid.recording import Recording
 from smsid.simulate import truth_of
 from smsid.view import build_replay, replay, simulated_twin
-from smsid.view.export import readouts
-from smsid.view.look import VIEW_FROM
-from smsid.view.scene import world_poses
+from smsid.view._export import readouts
+from smsid.view._look import VIEW_FROM
+from smsid.view._scene import world_poses
 
 from .conftest import URDF
 

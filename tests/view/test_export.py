@@ -12,8 +12,8 @@ from smsid.description import load_description
 from smsid.errors import MissingDependencyError, SmsidError
 from smsid.model.build import build_model
 from smsid.view import Look, build_scene, export_html, replay
-from smsid.view.look import STRIPS
-from smsid.view.scene import joint_paths
+from smsid.view._look import STRIPS
+from smsid.view._scene import joint_paths
 
 from .conftest import URDF, moving
 

@@ -7,7 +7,7 @@ import pytest
 
 from smsid.errors import SmsidError
 from smsid.view import build_scene, replay, show
-from smsid.view.server import start_server
+from smsid.view._server import start_server
 
 
 @pytest.mark.parametrize("plays", [False, True])

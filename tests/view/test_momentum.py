@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from smsid.recording import Recording
 from smsid.simulate import truth_of
-from smsid.view.momentum import momenta
-from smsid.view.motion import DrawnMotion, motion_of
-from smsid.view.recorded import slopes
-from smsid.view.scene import build_scene
+from smsid.view._momentum import momenta
+from smsid.view._motion import DrawnMotion, motion_of
+from smsid.view._recorded import slopes
+from smsid.view._scene import build_scene
 
 
 @pytest.fixture(scope="module")

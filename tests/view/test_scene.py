@@ -10,10 +10,10 @@ from smsid.effects.appendage import ModalAppendage, Mode
 from smsid.errors import SmsidError
 from smsid.model.build import build_model
 from smsid.view import Look, build_scene
-from smsid.view.look import ASPECT, FIELD_OF_VIEW, HULL_OPACITY, fitted_camera
-from smsid.view.shapes import Mesh
-from smsid.view.surface import inertia_box, surface_of
-from smsid.view.visuals import visuals_of
+from smsid.view._look import ASPECT, FIELD_OF_VIEW, HULL_OPACITY, fitted_camera
+from smsid.view._shapes import Mesh
+from smsid.view._surface import inertia_box, surface_of
+from smsid.view._visuals import visuals_of
 
 from .conftest import URDF
 

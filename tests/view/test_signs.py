@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 from smsid.view import Look, build_scene
-from smsid.view.arrows import INDICES, _bent_arrow, joint_axis, tool_frame, tool_positions, tube_along
-from smsid.view.drivers import DrawnFrames
-from smsid.view.motion import motion_of
+from smsid.view._arrows import INDICES, _bent_arrow, joint_axis, tool_frame, tool_positions, tube_along
+from smsid.view._drivers import DrawnFrames
+from smsid.view._motion import motion_of
 
 
 @pytest.fixture(scope="module")

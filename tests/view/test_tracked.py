@@ -12,7 +12,7 @@ from smsid.errors import RecordingError, SmsidError
 from smsid.tracking import TrackHistory
 from smsid.tracking.track_recordings import dof_names
 from smsid.view import build_replay
-from smsid.view.tracked import tracked_states
+from smsid.view._tracked import tracked_states
 
 
 @pytest.fixture

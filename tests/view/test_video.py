@@ -11,7 +11,7 @@ import pytest
 from smsid.description import load_description
 from smsid.errors import MissingDependencyError, SmsidError
 from smsid.view import build_replay, replay, write_view
-from smsid.view.video import export_video, is_film
+from smsid.view._video import export_video, is_film
 
 from .browser import needs_chromium
 from .conftest import URDF

@@ -15,9 +15,9 @@ import pinocchio as pin
 from smsid.arm.motion import measured_states
 from smsid.arm.readings import measured_channel
 from smsid.arm.units import joint_unit, slides
-from smsid.diagnose.described_effects import free_name
+from smsid.diagnose._described_effects import free_name
 from smsid.diagnose.score_test import linear_torques
-from smsid.diagnose.torque.equations import TorqueEquations
+from smsid.diagnose.torque._equations import TorqueEquations
 from smsid.effects import (
     ActuatorDelay,
     BodyError,

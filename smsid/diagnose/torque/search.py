@@ -11,9 +11,8 @@ import numpy as np
 from scipy.stats import f
 
 from smsid.diagnose.thresholds import THRESHOLDS, DetectionThresholds
-from smsid.diagnose.torque.candidates import SIMPLE, TorqueCandidate, instance
-from smsid.diagnose.torque.equations import TorqueEquations, torque_equations
-from smsid.diagnose.torque.fit import (
+from smsid.diagnose.torque._equations import TorqueEquations, torque_equations
+from smsid.diagnose.torque._fit import (
     TorqueFit,
     TorquePrior,
     TorqueTerm,
@@ -22,8 +21,8 @@ from smsid.diagnose.torque.fit import (
     refit_as_identification,
     with_equations,
 )
-from smsid.diagnose.torque.noise import learn_noise
-from smsid.diagnose.torque.scores import (
+from smsid.diagnose.torque._noise import learn_noise
+from smsid.diagnose.torque._scores import (
     TorqueScore,
     acts_on_all,
     correlation,
@@ -31,6 +30,7 @@ from smsid.diagnose.torque.scores import (
     score,
     score_candidates,
 )
+from smsid.diagnose.torque.candidates import SIMPLE, TorqueCandidate, instance
 from smsid.diagnose.torque.whitening import CLUSTERS
 from smsid.recording import Recording
 

@@ -4,5 +4,5 @@
 along each axis, as printed (`translation`) and whitened with its products tied (`translation_tied`), which is
 what is used; modes by SSI-COV (`smsid.identify.appendage_modes`); Exp. 2 (`exp2`) by observers of slosh and
 bending (`slosh_state`, `modal_state`), Step A and Step B (`momentum`), and Step B as printed
-(`momentum_printed`). Total least squares (`smsid.identify.tls`) solves all of them.
+(`momentum_printed`). Total least squares (`smsid.identify._tls`) solves all of them.
 """

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from smsid._short_repr import short_repr
-from smsid.identify.paper.translation import AxisEstimate
+from smsid.identify.paper._translation import AxisEstimate
 
 CONTRADICTION = 1e-3  # probability below which axes that agree are said to contradict each other
 ACCURACY = 1e-3  # of a value: what filters' ends and interpolated clocks leave without any noise

@@ -11,19 +11,20 @@ from smsid.errors import NotIdentifiableError, RecordingError
 from smsid.identify.appendage_modes import FEWEST_ROWS, MOST_ROWS, panel_modes
 from smsid.identify.clocks import event_times, rate_of, sample_channel
 from smsid.identify.commanded import excited_axes
-from smsid.identify.paper.exp1_axis_data import SMOOTHING, axis_data
-from smsid.identify.paper.exp1_described import check_length, check_possible, left_as_described
-from smsid.identify.paper.exp1_panels import (
+from smsid.identify.paper._exp1_axis_data import SMOOTHING, axis_data
+from smsid.identify.paper._exp1_described import check_length, check_possible, left_as_described
+from smsid.identify.paper._exp1_panels import (
     PanelShares,
     identify_axis_of_panels,
 )
-from smsid.identify.paper.exp1_result import (
+from smsid.identify.paper._exp1_result import (
     SeenModes,
     TranslationResult,
     assemble,
     participation_along,
     tank_marks,
 )
+from smsid.identify.paper._translation import AxisEstimate
 from smsid.identify.paper.motion import raw_rates
 from smsid.identify.paper.noise_replicates import (
     REPLICATES,
@@ -32,7 +33,6 @@ from smsid.identify.paper.noise_replicates import (
     mode_sigmas,
 )
 from smsid.identify.paper.rest import check_at_rest
-from smsid.identify.paper.translation import AxisEstimate
 from smsid.identify.robust import white_sigma
 from smsid.identify.sensor_roles import Roles
 from smsid.model.column_order import order_columns

@@ -6,9 +6,9 @@ import numpy as np
 
 from smsid.identify.estimate import AS_PRINTED, IDENTIFIABLE_BELOW, ParameterEstimate, classify
 from smsid.identify.momentum_rows import carried_by_bus
+from smsid.identify.paper._momentum_printed import printed_parameters
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.momentum import StepA
-from smsid.identify.paper.momentum_printed import printed_parameters
 from smsid.identify.paper.momentum_regression import Regression
 from smsid.identify.paper.motion import MeasuredMotion
 from smsid.identify.paper.pose_point import PosePoint

@@ -2,7 +2,7 @@
 
 Step A, (33)-(37): the inertial position of the system CM and the first moments of the links, from the
 velocity of P. Step B, (38)-(39): inertias from the conserved angular momentum. Here the slosh state is put
-back in, so both are linear in ordinary inertial parameters; ``momentum_printed.py`` has Step B as printed.
+back in, so both are linear in ordinary inertial parameters; ``_momentum_printed.py`` has Step B as printed.
 """
 
 from __future__ import annotations

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smsid._short_repr import short_repr
+from smsid.identify._tls import TlsSolution
 from smsid.identify.momentum_rows import CORRELATION_TIME
 from smsid.identify.paper.hidden_states import HiddenStates
 from smsid.identify.paper.motion import MeasuredMotion
 from smsid.identify.paper.square_root_information import RowSums, ScoreSums
-from smsid.identify.tls import TlsSolution
 from smsid.model.identifiable import BaseParameters, base_parameters
 
 BLOCK = 4096  # samples whose equations are held at a time
@@ -77,7 +77,7 @@ def regress(
     ``reweight``: each kind of equation by what it leaves. The covariance allows for equation errors that are
     correlated over `CORRELATION_TIME` (Newey and West 1987).
 
-    Raises `NotIdentifiableError` as `smsid.identify.tls.solve_factor`.
+    Raises `NotIdentifiableError` as `smsid.identify._tls.solve_factor`.
     """
     blocks, made = blocks_of(motion, hidden), []
     sums: RowSums | None = None

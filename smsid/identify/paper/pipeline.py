@@ -19,10 +19,10 @@ from smsid.identify.commanded import excited_axes
 from smsid.identify.estimate import Estimate, ParameterEstimate, distinct
 from smsid.identify.gap_filling import LONGEST, FilledRecording, fill_gaps
 from smsid.identify.modes import identified_modes
+from smsid.identify.paper._exp1_described import check_moves
+from smsid.identify.paper._exp1_result import TranslationResult
+from smsid.identify.paper._exp2 import MomentumResult, identify_momentum
 from smsid.identify.paper.exp1 import identify_translation
-from smsid.identify.paper.exp1_described import check_moves
-from smsid.identify.paper.exp1_result import TranslationResult
-from smsid.identify.paper.exp2 import MomentumResult, identify_momentum
 from smsid.identify.paper.hidden_states import Modal, check_on_bus
 from smsid.identify.sensor_correction import correct_readings, on_event_clocks
 from smsid.model import SpacecraftModel, build_model

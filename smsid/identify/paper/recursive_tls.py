@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.tls import BLOCK_ROWS, TlsSolution, accumulate, error_covariance, solve_factor
+from smsid.identify._tls import BLOCK_ROWS, TlsSolution, accumulate, error_covariance, solve_factor
 
 
 class RecursiveTls:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from smsid.identify._tls import TlsSolution, solve_factor, triangular
 from smsid.identify.robust import inverse_root
-from smsid.identify.tls import TlsSolution, solve_factor, triangular
 
 
 @dataclass

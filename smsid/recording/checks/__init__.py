@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from smsid.errors import RecordingError
-from smsid.recording.checks.consistency import channel_findings
+from smsid.recording.checks._consistency import channel_findings
 from smsid.recording.checks.sample_faults import SampleFault
 
 if TYPE_CHECKING:

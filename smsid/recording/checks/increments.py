@@ -12,8 +12,8 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from smsid.recording._attitude import conjugate, rotate, slerp, turn_between
-from smsid.recording._clock import Gap, find_gaps
+from smsid.recording.attitude import conjugate, rotate, slerp, turn_between
+from smsid.recording.clock import Gap, find_gaps
 
 FloatArray = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import residue
 
-from smsid.identify.paper.axis_parameters import (
+from smsid.identify.paper._axis_parameters import (
     fractions,
     kinds_of,
     parameter_names,

@@ -11,8 +11,8 @@ from scipy.integrate import cumulative_trapezoid
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError
 from smsid.identify.commanded import excited_axes
+from smsid.identify.paper._exp1_result import assemble
 from smsid.identify.paper.exp1 import averaged_at_steps, identify_translation
-from smsid.identify.paper.exp1_result import assemble
 from smsid.model import build_model
 from smsid.recording import Recording
 from smsid.sensing import Sensor

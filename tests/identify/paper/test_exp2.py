@@ -10,7 +10,7 @@ from twins.state import State
 
 from smsid.effects.slosh import Slosh
 from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
-from smsid.identify.paper.exp2 import identify_momentum
+from smsid.identify.paper._exp2 import identify_momentum
 from smsid.identify.paper.exp2_result import references
 from smsid.model import build_model
 from smsid.recording import Recording

@@ -14,9 +14,9 @@ from twins.numbers import PAPER
 
 from smsid.description import load_description
 from smsid.errors import NotIdentifiableError
+from smsid.identify.paper._momentum_printed import PrintedTerms, printed_parameters, step_b_printed
 from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
 from smsid.identify.paper.modal_state import ModalState
-from smsid.identify.paper.momentum_printed import PrintedTerms, printed_parameters, step_b_printed
 from smsid.identify.paper.motion import prepare
 from smsid.model import build_model
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from smsid.identify.paper import momentum_regression
+from smsid.identify.paper._momentum_printed import step_b_printed
 from smsid.identify.paper.hidden_states import HiddenStates, hidden_states
 from smsid.identify.paper.momentum import step_a, step_b
-from smsid.identify.paper.momentum_printed import step_b_printed
 from smsid.identify.paper.motion import MeasuredMotion, prepare
 from smsid.identify.paper.noise_replicates import add_noise_replicate
 from smsid.identify.paper.square_root_information import RowSums, ScoreSums

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smsid.errors import NotIdentifiableError, SmsidError
+from smsid.identify._tls import total_least_squares
 from smsid.identify.paper.recursive_tls import RecursiveTls, prior_rows
-from smsid.identify.tls import total_least_squares
 
 NOISE = np.array([0.1, 0.2, 0.05, 0.1])
 X = np.array([1.0, -2.0, 3.0])

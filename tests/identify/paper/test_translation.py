@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from smsid.errors import NotIdentifiableError, SmsidError
+from smsid.identify.paper._translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
 from smsid.identify.paper.combined import combine
-from smsid.identify.paper.translation import AxisData, AxisEstimate, PanelForce, identify_axis, panel_weights
 
 from ..support import PARTICIPATION, SHAPES, TANK, TWO_TANKS, M, fly_exp1
 

@@ -9,8 +9,8 @@ import pytest
 import scipy.signal
 
 from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.identify.paper.translation import identify_axis
-from smsid.identify.paper.translation_tied import identify_axis_tied
+from smsid.identify.paper._translation import identify_axis
+from smsid.identify.paper._translation_tied import identify_axis_tied
 
 from ..support import TANK, TWO_TANKS, M, fly_exp1
 from .test_translation import axis_data, truth

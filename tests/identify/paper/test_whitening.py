@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smsid.identify.paper.translation import integrals
-from smsid.identify.paper.translation_tied import LEAST_DAMPING, sections_of, whiten, whiten_transposed
+from smsid.identify.paper._translation import integrals
+from smsid.identify.paper._translation_tied import LEAST_DAMPING, sections_of, whiten, whiten_transposed
 
 STEP, N = 0.1, 60
 SECTIONS = [(0.3, 2.0), (0.05, 0.7)]
