@@ -85,16 +85,19 @@ def identify(
     cad: float | None = None,
     cutoff: float | None = None,
 ) -> Estimate:
-    """Identify a spacecraft from flights of any kind, or a welded arm from a recording of its torques.
+    """Identify a spacecraft from flights of any kind, or a welded arm from recordings of its torques.
+
+    An arm whose description lists an effect that does not enter torques linearly (a delay, backlash, an
+    encoder's error) is identified by its motion under the commanded torques, as with method ``filter``.
 
     Args:
         spacecraft: its values are the starting guess, its geometry is taken as known.
-        recordings: in the role estimation; an arm takes one.
-        method: of a spacecraft: ``ml``, ``filter`` or ``paper``, see
-            `smsid.estimation.identify.identify_spacecraft`.
-        cad: of a spacecraft by maximum likelihood: how well its bodies are known beforehand, a standard
-            deviation relative to the body's size.
-        cutoff: of a welded arm: low-pass of angles and torques [Hz].
+        recordings: in the role estimation.
+        method: ``ml``, ``filter`` or ``paper``, see `smsid.estimation.identify.identify_spacecraft`; of a
+            welded arm ``ml`` fits equations of torques, ``filter`` the motion under commanded torques.
+        cad: by maximum likelihood of motion: how well bodies are known beforehand, a standard deviation
+            relative to the body's size.
+        cutoff: of a welded arm by its torques: low-pass of angles and torques [Hz].
 
     Raises:
         RecordingError: a recording is missing something, or its labels are not the spacecraft's.
@@ -103,15 +106,27 @@ def identify(
     """
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if spacecraft.root == "fixed":
+        from smsid.estimation.arm_motion import identify_arm_motion, why_by_motion
+
+        if method == "paper":
+            raise DescriptionError(
+                "The paper's method is for free-flying spacecraft.", advice='Use "ml" or "filter" for an arm.'
+            )
+        if reason := why_by_motion(spacecraft, method):
+            if cutoff is not None:
+                raise DescriptionError(
+                    f"cutoff is for equations of torques; the arm is identified by its motion: {reason}.",
+                    advice="Leave it out.",
+                )
+            return identify_arm_motion(spacecraft, given, reason=reason, cad=cad).estimate
         from smsid.arm import identify_arm
 
-        if cad is not None or len(given) != 1:
+        if cad is not None:
             raise DescriptionError(
-                "A welded arm is identified from one recording, without prior of its bodies.",
-                advice="Give one recording and leave out cad.",
-                recordings=len(given),
+                "Equations of torques take no prior of an arm's bodies.",
+                advice='Leave cad out, or use method "filter".',
             )
-        return identify_arm(spacecraft, given[0], cutoff=cutoff).estimate
+        return identify_arm(spacecraft, given, cutoff=cutoff).estimate
     if cutoff is not None:
         raise DescriptionError("cutoff is for welded arms.", advice='Leave it out, or set root = "fixed".')
     from smsid.estimation.identify import identify_spacecraft

@@ -42,7 +42,9 @@ def identify_command(
         Method,
         typer.Option(
             help="ml: maximum likelihood, started from the paper's method where the recordings are its two "
-            "experiments, else by a filter; filter: that in any case; paper: the linear method alone"
+            "experiments, else by a filter; filter: that in any case; paper: the linear method alone. Of a "
+            "welded arm ml fits equations of torques, and filter the motion under commanded torques, which "
+            "is taken as well where a listed effect does not enter torques linearly"
         ),
     ] = "ml",
     cad: Annotated[
@@ -185,11 +187,18 @@ def identify_command(
         "--cutoff": cutoff is not None, "--gains": gains, "--gain": gain, "--hold": hold, "--rigid": rigid,
         "--friction": friction, "--level": level, "--equal-errors": equal_errors, "--passive": passive,
     }  # fmt: skip
-    _check_options([option for option, value in given.items() if value], described.root, method)
+    by_motion = ""
+    if described.root == "fixed":
+        from smsid.estimation.arm_motion import identify_arm_motion, why_by_motion
+
+        by_motion = why_by_motion(described, "filter" if states is not None and method == "ml" else method)
+    kind = method if described.root == "free" else MOTION[0] if by_motion else ARM[0]
+    _check_options([option for option, value in given.items() if value], kind, by_motion)
+    _check_arm_method(kind, method, drive)
     if tracked_point is not None:
         described = with_tracked_point(described, _point(tracked_point))
     method = "filter" if states is not None else method  # what was hidden is estimated by it
-    if described.root == "fixed":
+    if kind == ARM[0]:
         from smsid.cli.arm import identify_and_judge
 
         inputs = files if robot else (description, *files)
@@ -205,6 +214,12 @@ def identify_command(
         if modal is not None or find_tracked_point:
             found = identify_by_the_paper(
                 described, loaded, printed=modal == "printed", find_point=find_tracked_point
+            )
+        elif by_motion:
+            described = _with_usual_effects(described, bare and not rigid, friction or ())
+            flight = _flight("auto", at_rest, start)
+            found = identify_arm_motion(
+                described, loaded, reason=by_motion, cad=cad, options=flight, tell=tell
             )
         else:
             flight = _flight(drive, at_rest, start)
@@ -247,26 +262,56 @@ def _bare_description(description: Path, robot: str | None, loaded: Sequence[Rec
     return arm_description(description) if of_an_arm else load_description(description)
 
 
-SPACECRAFT, ML, PAPER, ARM = ("ml", "filter", "paper"), ("ml", "filter"), ("paper",), ("arm",)
+SPACECRAFT, ML, PAPER = ("ml", "filter", "paper"), ("ml", "filter", "motion"), ("paper",)
+ARM, MOTION, EITHER_ARM = ("arm",), ("motion",), ("arm", "motion")
 ADVICE = {
     SPACECRAFT: ("spacecraft", "Leave it out."),
-    ML: ("maximum likelihood of a spacecraft", 'Leave it out, or use --method ml with root = "free".'),
+    ML: ("maximum likelihood of motion", "Leave it out, or use --method ml (filter, of a welded arm)."),
     PAPER: ("the paper's method of a spacecraft", "Add --method paper, or leave it out."),
-    ARM: ("welded arms", 'Leave it out, or set root = "fixed".'),
+    ARM: ("welded arms by their torques", 'Leave it out, or use --method ml with root = "fixed".'),
+    EITHER_ARM: ("welded arms", 'Leave it out, or set root = "fixed".'),
 }
 """What an option is for by the methods that take it, and what to do elsewhere."""
 TAKEN_BY = {"--cad": ML, "--states": ML, "--modal": PAPER, "--find-tracked-point": PAPER}
-TAKEN_BY |= {"--tracked-point": SPACECRAFT}  # all others are for arms
+TAKEN_BY |= {"--tracked-point": SPACECRAFT, "--rigid": EITHER_ARM, "--friction": EITHER_ARM}  # others: ARM
 
 
-def _check_options(options: list[str], root: str, method: str) -> None:
+def _check_options(options: list[str], kind: str, by_motion: str) -> None:
     """Raise `SmsidError` for an option that the machine or the method does not take."""
-    kind = "arm" if root == "fixed" else method
     for option in options:
         methods = TAKEN_BY.get(option, ARM)
         if kind not in methods:
             what, advice = ADVICE[methods]
+            if by_motion:
+                what, advice = f"{what}; this one is identified by its motion: {by_motion}", "Leave it out."
             raise SmsidError(f"{option} is for {what}.", advice=advice)
+
+
+def _check_arm_method(kind: str, method: Method, drive: Drive) -> None:
+    """Raise `SmsidError` for a method that a welded arm does not have."""
+    if kind not in EITHER_ARM:
+        return
+    if method == "paper":
+        raise SmsidError("--method paper is for free-flying spacecraft.", advice="Leave it out.")
+    if drive == "measured":
+        raise SmsidError(
+            "--drive measured is for spacecraft: where joints only follow their motion, nothing is told of a "
+            "welded arm.",
+            advice="Leave it out.",
+        )
+
+
+def _with_usual_effects(described: Description, usual: bool, friction: Sequence[str]) -> Description:
+    """Return an arm's description with friction, offset and rotor of every joint if ``usual``, as equations
+    of torques have them of a bare robot, and further laws of ``friction``.
+    """
+    from smsid.arm import with_friction_laws, with_joint_effects
+    from smsid.arm.identify import rigid_arm
+
+    joints = rigid_arm(described).arm_joints.names
+    if usual:
+        described = with_joint_effects(described, joints, "joint_friction", "torque_offset", "motor_inertia")
+    return with_friction_laws(described, joints, friction) if friction else described
 
 
 def _flight(drive: Drive, at_rest: bool, start: str | None) -> FlightOptions | None:

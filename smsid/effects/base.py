@@ -334,9 +334,16 @@ class Effect(StrictTable):
             return {}
         raise DescriptionError(
             f"Effect '{self.name}' of kind '{self.kind}' does not enter joint torques linearly.",
-            advice="Leave it out, or give its class a method `torque_columns`.",
+            advice="Identify by the motion under commanded torques (--method filter), or leave it out; a "
+            "class of your own may have a method `torque_columns`.",
             effect=self.name,
         )
+
+    @property
+    def by_torques(self) -> bool:
+        """Whether equations of torques know it; what they do not needs the likelihood of motion."""
+        linear = type(self).torque_columns is not Effect.torque_columns
+        return linear or self.on_readings or self.adds_to_body
 
     def torque_shapes(self) -> tuple[str, ...]:
         """Return the fields, rates [rad/s | m/s], that its torque columns are not linear in: widths of a

@@ -150,6 +150,7 @@ def _identify(
         covariance = np.linalg.inv(found.gram) + doubt
         gradient = np.array([r.gradient for r in rows])
         spread = gradient @ covariance @ gradient.T * quality.widening**2
+        spread = 0.5 * (spread + spread.T)  # rounding of what nothing tells is more than what is told
         sigma, shares = np.sqrt(np.diag(spread)), _prior_shares(found, gradient, covariance)
         size = np.array([abs(r.value if r.reference is None else r.reference) for r in rows])
         told = (shares <= HELD) & (np.arange(len(rows)) < own) & (size > 0.0)

@@ -31,6 +31,7 @@ SMALLEST = 1e-6  # of its prior's standard deviation, an amplitude below which a
 ROUND = 1e-6  # a factor this near to 1 is 1
 DIGITS, MOST_DIGITS = 4, 12  # of a factor in a name: as few as its effect on the value allows
 TIPS = 0.1  # preference for lumping what is nearer to the tips
+ARM_TIPS = 1e6  # times that the first part may be the last's, and the last is lumped, of a welded arm
 CENTRE_FIRST = 3.0  # preference for lumping a lone bus's mass and first moments rather than its inertias
 ROUND_OFF = 1e-14  # of the largest inertia, below which a described product of inertia is zero
 
@@ -38,7 +39,8 @@ ROUND_OFF = 1e-14  # of the largest inertia, below which a described product of 
 def reported_parameters(found: NormalEquations, described: Point) -> list[Combination]:
     """Return what is reported at a point, apart from the biases of single recordings."""
     unknowns = found.unknowns
-    out = [_total_mass(found, described)] if any(u.kind == "inertial" for u in unknowns) else []
+    weighed = described.base.free and any(u.kind == "inertial" for u in unknowns)
+    out = [_total_mass(found, described)] if weighed else []
     for i, u in enumerate(unknowns):
         if u.kind == "effect" and u.polar is not None:
             out.append(_polar(found, i, described))
@@ -140,7 +142,8 @@ def _base_parameters(found: NormalEquations, described: Point) -> list[Combinati
     width = np.array([unknowns[i].sigma for i in own])
     alone = described.base.free and max(columns) < 10
     before = [k for k, c in enumerate(columns) if alone and c < 4]
-    matrix, kept = combinations(inside * np.outer(width / scale, width / scale), before)
+    units = None if described.base.free else width
+    matrix, kept = combinations(inside * np.outer(width / scale, width / scale), before, units)
     matrix = matrix * width[kept][:, None] / width[None, :]  # from units of the prior to physical ones
     covariance = np.linalg.inv(found.gram)
     values, nominal = whole_bodies(found.point.model())[columns], whole_bodies(described.model())[columns]
@@ -221,21 +224,26 @@ def about_centre(theta: np.ndarray) -> np.ndarray:
     return np.concatenate([centre, theta[4:] - theta[0] * np.array(shift)])
 
 
-def combinations(information: np.ndarray, before: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
+def combinations(
+    information: np.ndarray, before: Sequence[int] = (), units: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return combinations (b, n) that data tell apart, and which parameters (b,) they are named after.
 
     ``information`` (n, n) is the data's, each parameter in units of the standard deviation that is known
     beforehand. Directions of which the data say less than that are not told; of each such direction the
     parameter that has the largest part in it, of equals that nearest to the tips, is lumped into the others.
     Those of ``before`` are lumped although others have a part up to three times as large: a bus's mass and
-    first moments, so that its inertias are left, which are told about the centre of mass.
+    first moments, so that its inertias are left, which are told about the centre of mass. With ``units`` (n,)
+    of the parameters it is the nearest to the tips of those with any part worth the name: as base parameters
+    of an arm, which are told by torques at any motion, have it.
     """
     size, basis = np.linalg.eigh(0.5 * (information + information.T))
     unseen = basis[:, size < 1.0]
     n = len(size)
     if not unseen.shape[1]:
         return np.eye(n), np.arange(n)
-    preference = 1.0 + TIPS * np.arange(n) / n
+    place = np.arange(n) / n
+    preference = 1.0 + TIPS * place if units is None else units * ARM_TIPS**place
     preference[list(before)] *= CENTRE_FIRST
     *_, pivots = qr((unseen * preference[:, None]).T, mode="r", pivoting=True)
     lumped = np.sort(pivots[: unseen.shape[1]])

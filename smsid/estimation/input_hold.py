@@ -257,6 +257,24 @@ def means(signal: Signal, edges: np.ndarray) -> np.ndarray:
     return 0.5 * np.einsum("npk,p->nk", values, _WEIGHTS)
 
 
+def unrecorded(signal: Signal, edges: np.ndarray) -> np.ndarray | None:
+    """Return how well the means between edges (N + 1,) are known, standard deviations (N, size): of what is
+    late, what acts first was commanded before the recording. ``None`` where that is nothing.
+
+    It may have been nothing, as where a simulation begins, or what the first command says, as where an arm
+    was held: the means have the latter, give or take as much.
+    """
+    if isinstance(signal, Sum):
+        parts = [x for x in (unrecorded(p, edges) for p in signal.parts) if x is not None]
+        return np.sqrt(np.sum(np.square(parts), axis=0)) if parts else None
+    if isinstance(signal, Delayed) and edges[0] < signal.begin + signal.delay:
+        width = np.diff(edges)
+        share = np.clip((signal.begin + signal.delay - edges[:-1]) / width, 0.0, 1.0)
+        first = limits(signal.signal, np.array([signal.begin]), "right")
+        return share[:, None] * np.abs(first)
+    return None
+
+
 def unevenness(signal: Signal, edges: np.ndarray) -> np.ndarray:
     """Return what a signal's course within each step (N,) adds to the double integral of its mean: (N, size).
 

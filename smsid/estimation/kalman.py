@@ -15,7 +15,15 @@ from smsid.estimation.compiled_filter import compiled_model
 from smsid.estimation.filter_pass import AppliedForces, Instance, filter_samples
 from smsid.estimation.filter_run import FilterRun, joined_runs, log_determinants, log_likelihoods
 from smsid.estimation.initial_state import InitialPrior
-from smsid.estimation.input_hold import COMMANDS, VARYING, limits, means, starts_with_jump, unevenness
+from smsid.estimation.input_hold import (
+    COMMANDS,
+    VARYING,
+    limits,
+    means,
+    starts_with_jump,
+    unevenness,
+    unrecorded,
+)
 from smsid.estimation.problem import (
     Belief,
     MovingStart,
@@ -121,21 +129,26 @@ class KalmanFilter:
         self._next, self._before = 0, None
 
     def jumps(self, edges: np.ndarray) -> np.ndarray | None:
-        """Return standard deviations (N - 1, nv) of mean forces between edges (N,), as commands jump at an
-        unknown time in some of these intervals; ``None`` where they do not.
+        """Return standard deviations (N - 1, nv) of mean forces between edges (N,): of what was commanded
+        before the recording and is late, and as commands jump at an unknown time in some of these intervals;
+        ``None`` where there are none.
 
         A switch anywhere in an interval has the mean of a slow one, of half the force of a late one. Its time
         is uniform, so that its mean errs by the force's twelfth's root; where commands are sampled more
         slowly, that is shared out over m intervals, as if these were independent.
         """
-        if self._sudden is None or len(edges) < 2:
+        if len(edges) < 2:
             return None
+        before = unrecorded(self.driving, edges)
+        if self._sudden is None:
+            return before
         missed = means(self.driving, edges) - means(self._sudden, edges)
         recording = self.problem.recording
         clocks = [recording.time(c) for c in COMMANDS.values() if c in recording]
         slow = min((float(np.median(np.diff(t))) for t in clocks), default=0.0)
         m = max(1.0, round(slow / float(np.median(np.diff(self.problem.data.times)))))
-        return missed * np.sqrt(m**3 / (4.0 * m**2 - 1.0))
+        missed *= np.sqrt(m**3 / (4.0 * m**2 - 1.0))
+        return missed if before is None else np.hypot(missed, before)
 
     def restarted(self, belief: Belief, *, until: float) -> KalmanFilter:
         """Return it at the first sample again, with another belief of the state there: what does not depend

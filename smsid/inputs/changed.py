@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smsid.inputs.signals import Sampled, Signal, sample
+from smsid.inputs.signals import Sampled, Signal, Sum, sample
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,7 @@ class Delayed:
     @classmethod
     def of(cls, signal: Signal, delay: float) -> Delayed:
         """Return the signal, late; samples begin with the first of them, anything else at time zero."""
-        begin = float(signal.spline.t[0]) if isinstance(signal, Sampled) else 0.0
-        return cls(signal, delay, begin)
+        return cls(signal, delay, min(_beginnings(signal), default=0.0))
 
     @property
     def size(self) -> int:
@@ -47,6 +46,15 @@ class Delayed:
     def mapped(self, matrix: np.ndarray) -> Delayed:
         """Return ``matrix @ self``, matrix (m, size)."""
         return Delayed(self.signal.mapped(matrix), self.delay, self.begin)
+
+
+def _beginnings(signal: Signal) -> list[float]:
+    """Return when what is sampled of a signal begins [s]."""
+    if isinstance(signal, Sum):
+        return [begin for part in signal.parts for begin in _beginnings(part)]
+    if isinstance(signal, Delayed):
+        return [begin + signal.delay for begin in _beginnings(signal.signal)]
+    return [float(signal.spline.t[0])] if isinstance(signal, Sampled) else []
 
 
 @dataclass(frozen=True)

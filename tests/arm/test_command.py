@@ -11,10 +11,13 @@ from typer.testing import CliRunner
 from smsid.arm import with_joint_effects
 from smsid.cli.app import app
 from smsid.description import save_description
-from smsid.effects import Gear
+from smsid.diagnose import load_diagnosis
+from smsid.effects import ActuatorDelay, Gear
 from smsid.errors import RecordingError
 from smsid.identify.estimate import load_estimate
 from smsid.recording import Recording, save_recording
+from tests.hidden.catalogue import hidden_effects
+from tests.hidden.flight import write_run
 from tests.screen import fits, shows
 
 from .mujoco_arm import DAMPING, JOINTS, described, motion, recorded
@@ -124,3 +127,43 @@ def test_a_warning_about_a_file_is_told_once(tmp_path):
         cwd=tmp_path, capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert done.stderr.count("dampng") == 1
+
+
+def test_what_a_diagnosis_names_of_an_arm_is_identified_exported_and_diagnosed_again(tmp_path):
+    """A joint that acts 20 ms late: nothing that equations of torques know."""
+    rng = np.random.default_rng(5)
+    hidden = hidden_effects("arm")["actuator_delay:delay@joint2"].make(0.02, None, rng)
+    files = write_run("arm", tmp_path, [1, 79], [hidden], duration=30.0)
+    out, extended, found = tmp_path / "d.json", tmp_path / "ext.toml", tmp_path / "e.json"
+    how = ("--estimate", files.estimate, "-o", out, "--extended", extended)
+    assert run("diagnose", files.description, files.recording, *how).exit_code == 0
+    shown = run("identify", extended, files.recording, "-o", found, "--report", tmp_path / "e.html")
+    assert shown.exit_code == 0, shown.output
+    estimate = load_estimate(found)
+    (delay,) = (p for p in estimate.parameters if p.name.endswith(".delay"))
+    assert delay.status == "identifiable" and abs(delay.value - 0.02) < 4.0 * delay.sigma < 1e-5
+    assert any("does not enter torques linearly" in note for note in estimate.notes)
+    exported = run("export", extended, found, "-o", tmp_path / "exported")
+    assert exported.exit_code == 0, exported.output
+    assert "17 identified combinations to 0.00" in " ".join(exported.output.split())
+    again = run("diagnose", extended, files.recording, "--estimate", found, "-o", tmp_path / "d2.json")
+    assert again.exit_code == 0, again.output
+    assert load_diagnosis(tmp_path / "d2.json").verdict == "adequate"
+
+
+def test_options_of_one_way_are_none_of_the_other(tmp_path):
+    listed = described().with_effects(ActuatorDelay(name="late", actuator=JOINTS[0], delay=0.01))
+    save_description(listed, tmp_path / "late.toml")
+    save_description(described(), tmp_path / "arm.toml")
+    t, q, _, torque = motion()
+    save_recording(recorded(t, q, torque), tmp_path / "log.nc")
+
+    def refused(name: str, *options: str) -> str:
+        return str(run("identify", tmp_path / name, tmp_path / "log.nc", *options).exception)
+
+    assert "identified by its motion: late does not enter torques" in refused("late.toml", "--cutoff", "5")
+    assert "identified by its motion: asked for" in refused("arm.toml", "--method", "filter", "--gains")
+    assert "--cad is for maximum likelihood of motion" in refused("arm.toml", "--cad", "0.1")
+    assert "--method paper is for free-flying" in refused("arm.toml", "--method", "paper")
+    assert "--drive measured is for spacecraft" in refused("arm.toml", "--drive", "measured")
+    assert "no commanded torques" in refused("late.toml")

@@ -16,9 +16,10 @@ from smsid.estimation.input_hold import (
     limits,
     means,
     unevenness,
+    unrecorded,
 )
 from smsid.inputs.changed import Delayed
-from smsid.inputs.signals import Fourier, Sampled
+from smsid.inputs.signals import Constant, Fourier, Sampled, Sum
 
 TIMES = np.arange(21) * 0.05
 VALUES = np.random.default_rng(2).standard_normal((21, 2))
@@ -155,3 +156,22 @@ NOISE = np.random.default_rng(5).standard_normal((400, 3))
 def test_what_is_mixed(force, torque, expected):
     """Steps alone are held, waves alone vary: only both together take both."""
     assert is_mixed_hold({"command.force": force, "command.torque": torque}) is expected
+
+
+def test_what_was_commanded_before_the_recording_is_not_known():
+    """Until the first command arrives, 70 ms late: by as much as it, in the share of the interval that is."""
+    late = Delayed.of(Sampled.from_samples(TIMES, VALUES, 0), 0.07)
+    edges = np.array([0.0, 0.05, 0.1, 0.15])
+    expected = np.abs(VALUES[0]) * np.array([1.0, 0.4, 0.0])[:, None]
+    np.testing.assert_allclose(unrecorded(late, edges), expected, atol=1e-12)
+    np.testing.assert_allclose(means(late, edges)[0], VALUES[0])
+    more = Sum((late, Constant(np.ones(2)), late.mapped(2.0 * np.eye(2))))
+    np.testing.assert_allclose(unrecorded(more, edges), np.sqrt(5.0) * expected, atol=1e-12)
+
+
+def test_what_is_known_is():
+    signal = Sampled.from_samples(TIMES, VALUES, 0)
+    edges = np.array([0.1, 0.15, 0.2])
+    assert unrecorded(signal, edges - 0.1) is None
+    assert unrecorded(Delayed.of(signal, 0.07), edges) is None
+    assert unrecorded(Sum((signal, Constant(np.ones(2)))), edges) is None

@@ -43,6 +43,14 @@ def test_what_is_commanded_at_a_time_arrives_later(signal: Signal, delay: float,
     np.testing.assert_allclose(late.mapped(matrix)(t), matrix @ expected, atol=1e-12)
 
 
+def test_sums_begin_with_what_is_sampled_of_them() -> None:
+    """Of a recording that begins at 2 s, beside a constant and itself late."""
+    late = Delayed.of(Sum((Constant(np.zeros(2)), SAMPLED)), 0.5)
+    assert late.begin == 2.0 and not late(2.4).any() and late(2.6).any()
+    assert Delayed.of(Sum((Delayed.of(SAMPLED, 0.5),)), 0.25).begin == 2.5
+    assert Delayed.of(Sum((SERIES, STEPS)), 0.5).begin == 0.0
+
+
 def test_breakpoints_move_along() -> None:
     assert Delayed.of(STEPS, 0.5).breakpoints == (0.5, 3.5, 6.5)
     assert Delayed.of(SERIES, 0.5).breakpoints == (0.5,)
