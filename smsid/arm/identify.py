@@ -19,7 +19,7 @@ from smsid.arm._solve import IN_STEP, AngleDelay, delay_note, settled_load, solv
 from smsid.arm.columns import JointStates, effect_columns
 from smsid.arm.comparison import JudgedArm, TorqueComparison
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
-from smsid.arm.readings import without_turns
+from smsid.arm.readings import measured_channel, without_turns
 from smsid.arm.regression import JointRegression
 from smsid.arm.setup import with_held_joints
 from smsid.description import Description
@@ -34,6 +34,7 @@ from smsid.recording import Recording
 from smsid.recording.checks import check_roles, consistency_notes
 
 GROUP = "arm"
+COMMANDED = "no torque was measured: the equations take the commanded ones; --method filter fits the motion under these"
 RANDOM_STATES = 200  # that base parameters of any motion are told from
 
 
@@ -176,6 +177,8 @@ def identify_arm(
         if e.adds_to_body
     ]
     notes += [*shape_notes(shapes), *delay_note(equations.delay)]
+    if any(measured_channel(one, "joint_torque").startswith("command.") for one in recordings):
+        notes.append(COMMANDED)
     if equal_errors:
         notes.append("errors near rest were taken for as large as elsewhere, as was asked")
     estimate = Estimate(

@@ -39,9 +39,7 @@ class JointOffset(JointEffect):
         return ()
 
     def resolved(self, description: Description) -> Effect:
-        """Return what it does to the joint's own encoder; of a welded arm the torque regression has it."""
-        if description.root == "fixed":
-            return self
+        """Return what it does to the joint's own encoder."""
         return _EncoderZero(
             name=self.name, column=joint_names(description).index(self.joint), bias=-self.angle
         )

@@ -209,6 +209,8 @@ def joint_names(description: Description) -> tuple[str, ...]:
 def _joint_names(description: str, folder: str) -> tuple[str, ...]:
     from smsid.description.schema import Description
     from smsid.model import build_model
+    from smsid.model.rigid_bodies import rigid_model
 
     found = Description.model_validate_json(description).model_copy(update={"folder": Path(folder)})
-    return build_model(found).arm_joints.names
+    # an arm whose links take no inertia is identified by torques all the same
+    return (rigid_model(found) if found.root == "fixed" else build_model(found)).arm_joints.names
