@@ -34,7 +34,10 @@ from smsid.recording import Recording
 from smsid.recording.checks import check_roles, consistency_notes
 
 GROUP = "arm"
-COMMANDED = "no torque was measured: the equations take the commanded ones; --method filter fits the motion under these"
+COMMANDED = (
+    "no torque was measured: the equations take the commanded ones; --method filter fits the motion under "
+    "these"
+)
 RANDOM_STATES = 200  # that base parameters of any motion are told from
 
 
