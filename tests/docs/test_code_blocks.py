@@ -14,7 +14,7 @@ from tests.docs.running import commands, run_page
 PAGES = pages()
 LANGUAGES = {"python", "sh", "toml", "text", "xml", "csv", "json", "{toctree}", "{eval-rst}"}
 SHOWN = {"text", "xml", "csv", "json", "{toctree}", "{eval-rst}"}  # nothing to run
-NOT_RUN = 22
+NOT_RUN = 22  # blocks that no test runs, each with its reason in the page
 
 
 @pytest.fixture(scope="session")
