@@ -21,6 +21,8 @@ from smsid.recording import Recording
 GRAVITY = (0.0, 0.0, -9.80665)
 BASE = ("pose.", "imu.", "gyro", "star_tracker.", "thrust", "wheel")
 """How channels begin that a log of a spacecraft has and one of an arm on the ground has not."""
+OF_A_BASE = (".wheel_torque", ".wheel_rate", ".thruster", ".thruster_force", ".force", ".torque")
+"""How they end."""
 
 
 def arm_description(urdf: Path | None = None, *, robot: str | None = None) -> Description:
@@ -51,9 +53,11 @@ def arm_description(urdf: Path | None = None, *, robot: str | None = None) -> De
 
 
 def is_of_an_arm(recordings: Sequence[Recording]) -> bool:
-    """Return whether recordings hold measured joint torques, and nothing of a base that moves."""
-    names = [n for r in recordings for n in r.channels if not n.startswith(("truth.", "command."))]
-    return any(n.endswith(".joint_torque") for n in names) and not any(n.startswith(BASE) for n in names)
+    """Return whether recordings hold joint angles and torques, and nothing of a base that moves."""
+    names = [n for r in recordings for n in r.channels if not n.startswith("truth.")]
+    base = any(n.startswith(BASE) or n.endswith(OF_A_BASE) for n in names)
+    angles = any(n.endswith(".joint_position") and not n.startswith("command.") for n in names)
+    return any(n.endswith(".joint_torque") for n in names) and angles and not base
 
 
 def held_joints(

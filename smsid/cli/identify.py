@@ -186,6 +186,7 @@ def identify_command(
         "--find-tracked-point": find_tracked_point, "--tracked-point": tracked_point is not None,
         "--cutoff": cutoff is not None, "--gains": gains, "--gain": gain, "--hold": hold, "--rigid": rigid,
         "--friction": friction, "--level": level, "--equal-errors": equal_errors, "--passive": passive,
+        "--at-rest": at_rest, "--start": start is not None, "--drive": drive != "auto",
     }  # fmt: skip
     by_motion = ""
     if described.root == "fixed":
@@ -194,7 +195,9 @@ def identify_command(
         by_motion = why_by_motion(described, "filter" if states is not None and method == "ml" else method)
     kind = method if described.root == "free" else MOTION[0] if by_motion else ARM[0]
     _check_options([option for option, value in given.items() if value], kind, by_motion)
-    _check_arm_method(kind, method, drive)
+    _check_arm_method(kind, method, drive, bare=bare)
+    idle = [r.name for r in loaded if kind in MOTION and r.role == "validation"]
+    loaded = [r for r in loaded if r.name not in idle] if len(idle) < len(loaded) else loaded
     if tracked_point is not None:
         described = with_tracked_point(described, _point(tracked_point))
     method = "filter" if states is not None else method  # what was hidden is estimated by it
@@ -216,7 +219,7 @@ def identify_command(
                 described, loaded, printed=modal == "printed", find_point=find_tracked_point
             )
         elif by_motion:
-            described = _with_usual_effects(described, bare and not rigid, friction or ())
+            described = _with_friction(described, friction or ())
             flight = _flight("auto", at_rest, start)
             found = identify_arm_motion(
                 described, loaded, reason=by_motion, cad=cad, options=flight, tell=tell
@@ -245,6 +248,8 @@ def identify_command(
         save_recording(hidden, states)
     more = linear.estimate.notes if linear is not None and found.refined is not None else ()
     print_estimate(estimate, more, everything=show_all)
+    for name in idle:
+        say(f"'{name}', in the role validation, took no part: `smsid diagnose --validate` measures its error")
     written = [output, *made, *([states] if states is not None else [])]
     say(f"identified in {seconds:.1f} s")
     return CommandResult({"estimate": json.loads(estimate.to_json())}, written)
@@ -273,7 +278,8 @@ ADVICE = {
 }
 """What an option is for by the methods that take it, and what to do elsewhere."""
 TAKEN_BY = {"--cad": ML, "--states": ML, "--modal": PAPER, "--find-tracked-point": PAPER}
-TAKEN_BY |= {"--tracked-point": SPACECRAFT, "--rigid": EITHER_ARM, "--friction": EITHER_ARM}  # others: ARM
+TAKEN_BY |= dict.fromkeys(("--at-rest", "--start", "--drive"), ML)
+TAKEN_BY |= {"--tracked-point": SPACECRAFT, "--friction": EITHER_ARM}  # others: ARM
 
 
 def _check_options(options: list[str], kind: str, by_motion: str) -> None:
@@ -287,12 +293,17 @@ def _check_options(options: list[str], kind: str, by_motion: str) -> None:
             raise SmsidError(f"{option} is for {what}.", advice=advice)
 
 
-def _check_arm_method(kind: str, method: Method, drive: Drive) -> None:
-    """Raise `SmsidError` for a method that a welded arm does not have."""
+def _check_arm_method(kind: str, method: Method, drive: Drive, *, bare: bool) -> None:
+    """Raise `SmsidError` for a method that a welded arm, described by its URDF alone if ``bare``, has not."""
     if kind not in EITHER_ARM:
         return
     if method == "paper":
         raise SmsidError("--method paper is for free-flying spacecraft.", advice="Leave it out.")
+    if bare and kind in MOTION:
+        raise SmsidError(
+            "--method filter needs the noise of the encoders, of which a bare URDF says nothing.",
+            advice='Write a TOML with the urdf, root = "fixed" and a [[sensor]] with its noise.',
+        )
     if drive == "measured":
         raise SmsidError(
             "--drive measured is for spacecraft: where joints only follow their motion, nothing is told of a "
@@ -301,17 +312,14 @@ def _check_arm_method(kind: str, method: Method, drive: Drive) -> None:
         )
 
 
-def _with_usual_effects(described: Description, usual: bool, friction: Sequence[str]) -> Description:
-    """Return an arm's description with friction, offset and rotor of every joint if ``usual``, as equations
-    of torques have them of a bare robot, and further laws of ``friction``.
-    """
-    from smsid.arm import with_friction_laws, with_joint_effects
+def _with_friction(described: Description, friction: Sequence[str]) -> Description:
+    """Return an arm's description with further laws of ``friction``, as equations of torques take them."""
+    from smsid.arm import with_friction_laws
     from smsid.arm.identify import rigid_arm
 
-    joints = rigid_arm(described).arm_joints.names
-    if usual:
-        described = with_joint_effects(described, joints, "joint_friction", "torque_offset", "motor_inertia")
-    return with_friction_laws(described, joints, friction) if friction else described
+    if not friction:
+        return described
+    return with_friction_laws(described, rigid_arm(described).arm_joints.names, friction)
 
 
 def _flight(drive: Drive, at_rest: bool, start: str | None) -> FlightOptions | None:

@@ -202,7 +202,7 @@ class BaseTilt(Effect):
     family = "external"
     aliases = ("body_error", "torque_offset")
     not_estimated = dict.fromkeys(
-        ("x", "y"), "no ground is under a spacecraft; of an arm on the ground it is"
+        ("x", "y"), "equations of a welded arm's torques tell it (--method ml); motion takes it as described"
     )
     on_readings = True
     in_words = "the base under {place} is not level"

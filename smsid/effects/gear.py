@@ -25,7 +25,7 @@ class Gear(JointEffect):
     summary = "gear of a motor: from what the motor measures to joint angle and torque"
     not_estimated = dict.fromkeys(
         ("ratio", "torque_gain"),
-        "a spacecraft's recordings are of joints, not of motors; a welded arm tells it",
+        "equations of torques at a welded arm's motors tell it (--method ml), motion of joints does not",
     )
     on_readings = True
     in_words = "the gear of {place} turns by another ratio than described"
@@ -101,7 +101,7 @@ class Servo(JointEffect):
     summary = "servo of a joint: from commanded position to torque"
     not_estimated = dict.fromkeys(
         ("stiffness", "damping", "limit"),
-        "a spacecraft's motors are commanded by torque; a welded arm tells it",
+        "equations of a welded arm's servos tell it (--method ml), motion under torques does not",
     )
     on_readings = True
     in_words = "the servo of {place} has another gain than described"

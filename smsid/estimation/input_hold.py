@@ -258,20 +258,27 @@ def means(signal: Signal, edges: np.ndarray) -> np.ndarray:
 
 
 def unrecorded(signal: Signal, edges: np.ndarray) -> np.ndarray | None:
-    """Return how well the means between edges (N + 1,) are known, standard deviations (N, size): of what is
-    late, what acts first was commanded before the recording. ``None`` where that is nothing.
+    """Return how far the means between edges (N + 1,) may be off, one standard deviation (N, size) in all
+    components at once: of what is late, what acts first was commanded before the recording. ``None`` where
+    that is nothing.
 
     It may have been nothing, as where a simulation begins, or what the first command says, as where an arm
-    was held: the means have the latter, give or take as much.
+    was held: the means have the latter, give or take as much. Of a first command of zero nothing is known.
     """
     if isinstance(signal, Sum):
         parts = [x for x in (unrecorded(p, edges) for p in signal.parts) if x is not None]
-        return np.sqrt(np.sum(np.square(parts), axis=0)) if parts else None
+        return np.sum(parts, axis=0) if parts else None
+    if isinstance(signal, Switched):
+        before, after = unrecorded(signal.before, edges), unrecorded(signal.after, edges)
+        if before is None and after is None:
+            return None
+        none = np.zeros((len(edges) - 1, signal.size))
+        late = (edges[:-1] >= signal.at)[:, None]
+        return np.where(late, none if after is None else after, none if before is None else before)
     if isinstance(signal, Delayed) and edges[0] < signal.begin + signal.delay:
         width = np.diff(edges)
         share = np.clip((signal.begin + signal.delay - edges[:-1]) / width, 0.0, 1.0)
-        first = limits(signal.signal, np.array([signal.begin]), "right")
-        return share[:, None] * np.abs(first)
+        return share[:, None] * limits(signal.signal, np.array([signal.begin]), "right")
     return None
 
 

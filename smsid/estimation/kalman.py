@@ -129,9 +129,9 @@ class KalmanFilter:
         self._next, self._before = 0, None
 
     def jumps(self, edges: np.ndarray) -> np.ndarray | None:
-        """Return standard deviations (N - 1, nv) of mean forces between edges (N,): of what was commanded
-        before the recording and is late, and as commands jump at an unknown time in some of these intervals;
-        ``None`` where there are none.
+        """Return by how much mean forces between edges (N,) may err, one standard deviation (N - 1, nv) of
+        all at once: by what was commanded before the recording and is late, or as commands jump at an unknown
+        time in some of these intervals; ``None`` where there are none.
 
         A switch anywhere in an interval has the mean of a slow one, of half the force of a late one. Its time
         is uniform, so that its mean errs by the force's twelfth's root; where commands are sampled more
@@ -148,7 +148,7 @@ class KalmanFilter:
         slow = min((float(np.median(np.diff(t))) for t in clocks), default=0.0)
         m = max(1.0, round(slow / float(np.median(np.diff(self.problem.data.times)))))
         missed *= np.sqrt(m**3 / (4.0 * m**2 - 1.0))
-        return missed if before is None else np.hypot(missed, before)
+        return missed if before is None else np.where(before.any(axis=1)[:, None], before, missed)
 
     def restarted(self, belief: Belief, *, until: float) -> KalmanFilter:
         """Return it at the first sample again, with another belief of the state there: what does not depend

@@ -48,15 +48,6 @@ class Delayed:
         return Delayed(self.signal.mapped(matrix), self.delay, self.begin)
 
 
-def _beginnings(signal: Signal) -> list[float]:
-    """Return when what is sampled of a signal begins [s]."""
-    if isinstance(signal, Sum):
-        return [begin for part in signal.parts for begin in _beginnings(part)]
-    if isinstance(signal, Delayed):
-        return [begin + signal.delay for begin in _beginnings(signal.signal)]
-    return [float(signal.spline.t[0])] if isinstance(signal, Sampled) else []
-
-
 @dataclass(frozen=True)
 class Switched:
     """``before`` until ``at`` [s], ``after`` from then on."""
@@ -89,3 +80,14 @@ class Switched:
     def mapped(self, matrix: np.ndarray) -> Switched:
         """Return ``matrix @ self``, matrix (m, size)."""
         return Switched(self.before.mapped(matrix), self.after.mapped(matrix), self.at)
+
+
+def _beginnings(signal: Signal) -> list[float]:
+    """Return when what is sampled of a signal begins [s]."""
+    if isinstance(signal, Sum):
+        return [begin for part in signal.parts for begin in _beginnings(part)]
+    if isinstance(signal, Switched):
+        return [*_beginnings(signal.before), *_beginnings(signal.after)]
+    if isinstance(signal, Delayed):
+        return [begin + signal.delay for begin in _beginnings(signal.signal)]
+    return [float(signal.spline.t[0])] if isinstance(signal, Sampled) else []

@@ -146,6 +146,8 @@ def test_what_a_diagnosis_names_of_an_arm_is_identified_exported_and_diagnosed_a
     exported = run("export", extended, found, "-o", tmp_path / "exported")
     assert exported.exit_code == 0, exported.output
     assert "17 identified combinations to 0.00" in " ".join(exported.output.split())
+    held = run("identify", extended, files.recording, files.validation, "-o", tmp_path / "e2.json")
+    assert "'arm-validation', in the role validation, took no part" in " ".join(held.output.split())
     again = run("diagnose", extended, files.recording, "--estimate", found, "-o", tmp_path / "d2.json")
     assert again.exit_code == 0, again.output
     assert load_diagnosis(tmp_path / "d2.json").verdict == "adequate"
@@ -165,5 +167,9 @@ def test_options_of_one_way_are_none_of_the_other(tmp_path):
     assert "identified by its motion: asked for" in refused("arm.toml", "--method", "filter", "--gains")
     assert "--cad is for maximum likelihood of motion" in refused("arm.toml", "--cad", "0.1")
     assert "--method paper is for free-flying" in refused("arm.toml", "--method", "paper")
-    assert "--drive measured is for spacecraft" in refused("arm.toml", "--drive", "measured")
+    measured = ("--drive", "measured")
+    assert "--drive is for maximum likelihood of motion" in refused("arm.toml", *measured)
+    assert "--drive measured is for spacecraft" in refused("late.toml", *measured)
+    assert "--at-rest is for maximum likelihood of motion" in refused("arm.toml", "--at-rest")
     assert "no commanded torques" in refused("late.toml")
+    assert "bare URDF says nothing" in refused(described().urdf, "--method", "filter")

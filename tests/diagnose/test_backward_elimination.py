@@ -57,7 +57,7 @@ def left(
             raise SimulationError("lost")
         return fitted(rest)
 
-    for module in ("exchange_step", "wald_test"):
+    for module in ("_exchange_step", "_wald_test"):
         monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
     monkeypatch.setattr(
         "smsid.diagnose._exchange_step.each_may_be_zero", lambda _, c: zero and c.location == "joint1"

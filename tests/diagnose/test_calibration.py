@@ -150,7 +150,7 @@ def test_a_cause_that_the_others_made_weak_pays_for_all_that_were_tried(monkeypa
     def wald(found, candidate, *, held=False, strength=False):
         return 12.0 if candidate.location == "joint1" else 50.0
 
-    for module in ("exchange_step", "wald_test"):
+    for module in ("_exchange_step", "_wald_test"):
         monkeypatch.setattr(f"smsid.diagnose.{module}.wald", wald)
     monkeypatch.setattr("smsid.diagnose._exchange_step.each_may_be_zero", lambda *_: False)
     monkeypatch.setattr("smsid.diagnose._exchange_step.without_cause", lambda found, *_: found)

@@ -78,6 +78,22 @@ def test_a_delay_is_found_with_the_bodies(late, truth):
     assert "fitted to the motion under commanded torques: a test" in found.estimate.notes
 
 
+def test_two_late_joints_hold_opposite_loads(tmp_path, truth):
+    """Their first commands are 197 and -166 N m: what acted before is unknown of both, by a common share."""
+    both = [hidden_effects("arm")[f"actuator_delay:delay@{j}"] for j in ("joint1", "joint2")]
+    rng = np.random.default_rng(5)
+    files = write_run("arm", tmp_path, SEED, [b.make(0.03, None, rng) for b in both], duration=30.0)
+    described = load_description(files.description).with_effects(
+        *(ActuatorDelay(name=f"late_{j}", actuator=j, delay=0.02) for j in ("joint1", "joint2"))
+    )
+    found = identify_arm_motion(described, [smsid.load_recording(files.recording)], reason="a test")
+    assert found.quality is not None and found.quality.judgement == "explained"
+    for name in ("late_joint1.delay", "late_joint2.delay"):
+        p = found.estimate[name]
+        assert p.sigma < 5e-6 and abs(p.value - 0.03) < 4.0 * p.sigma
+    assert np.abs(off(found.estimate, truth)).max() < 4.0
+
+
 def test_without_the_effect_it_is_not_explained(tmp_path):
     """Of a delay of 0.2 ms: equations of torques call 14 combinations identifiable, up to 7 sigma off."""
     described, recording, _ = flown(tmp_path, "actuator_delay:delay@joint2", 2e-4)

@@ -18,7 +18,7 @@ from smsid.estimation.input_hold import (
     unevenness,
     unrecorded,
 )
-from smsid.inputs.changed import Delayed
+from smsid.inputs.changed import Delayed, Switched
 from smsid.inputs.signals import Constant, Fourier, Sampled, Sum
 
 TIMES = np.arange(21) * 0.05
@@ -162,11 +162,13 @@ def test_what_was_commanded_before_the_recording_is_not_known():
     """Until the first command arrives, 70 ms late: by as much as it, in the share of the interval that is."""
     late = Delayed.of(Sampled.from_samples(TIMES, VALUES, 0), 0.07)
     edges = np.array([0.0, 0.05, 0.1, 0.15])
-    expected = np.abs(VALUES[0]) * np.array([1.0, 0.4, 0.0])[:, None]
+    expected = VALUES[0] * np.array([1.0, 0.4, 0.0])[:, None]
     np.testing.assert_allclose(unrecorded(late, edges), expected, atol=1e-12)
     np.testing.assert_allclose(means(late, edges)[0], VALUES[0])
-    more = Sum((late, Constant(np.ones(2)), late.mapped(2.0 * np.eye(2))))
-    np.testing.assert_allclose(unrecorded(more, edges), np.sqrt(5.0) * expected, atol=1e-12)
+    more = Sum((late, Constant(np.ones(2)), late.mapped(-2.0 * np.eye(2))))
+    np.testing.assert_allclose(unrecorded(more, edges), -expected, atol=1e-12)
+    begun = Switched(Sampled.from_samples(TIMES, VALUES, 0), late, 0.05)
+    np.testing.assert_allclose(unrecorded(begun, edges), expected * [[0.0], [1.0], [1.0]], atol=1e-12)
 
 
 def test_what_is_known_is():
@@ -175,3 +177,4 @@ def test_what_is_known_is():
     assert unrecorded(signal, edges - 0.1) is None
     assert unrecorded(Delayed.of(signal, 0.07), edges) is None
     assert unrecorded(Sum((signal, Constant(np.ones(2)))), edges) is None
+    assert unrecorded(Switched(signal, signal, 0.12), edges) is None

@@ -48,6 +48,7 @@ def test_sums_begin_with_what_is_sampled_of_them() -> None:
     late = Delayed.of(Sum((Constant(np.zeros(2)), SAMPLED)), 0.5)
     assert late.begin == 2.0 and not late(2.4).any() and late(2.6).any()
     assert Delayed.of(Sum((Delayed.of(SAMPLED, 0.5),)), 0.25).begin == 2.5
+    assert Delayed.of(Switched(SAMPLED, Delayed.of(SAMPLED, 0.5), 4.0), 0.25).begin == 2.0
     assert Delayed.of(Sum((SERIES, STEPS)), 0.5).begin == 0.0
 
 
