@@ -16,16 +16,25 @@ def longer(flown):
     return flown("exp2", 12.0, 5)
 
 
-def test_a_recording_of_another_spacecraft(description, longer):
-    """Its joints are driven by what this one's would do to the opposite."""
+@pytest.fixture
+def other(longer):
+    """The recording of another spacecraft: joints are driven by what this one's would do to the opposite."""
     channels = {c: np.asarray(longer[c]) for c in longer.channels if not c.startswith("truth")}
     channels["command.joint_torque"] = -channels["command.joint_torque"]
     channels["command.wheel_torque"] = channels["command.wheel_torque"][:, ::-1]
-    other = Recording.from_arrays(
+    return Recording.from_arrays(
         longer.time(), channels, labels=longer.labels, role="estimation", name="other"
     )
+
+
+def test_columns_that_are_wrong_are_named(description, other):
     named = diagnose(description, [other], rate=10.0).diagnosis
     assert named.verdict == "not_evaluated" and "wheel_x and wheel_z are swapped" in named.sentence
+
+
+@pytest.mark.slow
+def test_a_recording_of_another_spacecraft(description, other):
+    """Every strong cause is tried before that is said: minutes."""
     found = diagnose(description, [other.unchecked()], rate=10.0).diagnosis
     assert found.verdict == "not_evaluated"
     assert "another spacecraft" in found.sentence
