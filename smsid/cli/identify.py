@@ -196,8 +196,9 @@ def identify_command(
     kind = method if described.root == "free" else MOTION[0] if by_motion else ARM[0]
     _check_options([option for option, value in given.items() if value], kind, by_motion)
     _check_arm_method(kind, method, drive, bare=bare)
-    idle = [r.name for r in loaded if kind in MOTION and r.role == "validation"]
-    loaded = [r for r in loaded if r.name not in idle] if len(idle) < len(loaded) else loaded
+    taken = [r for r in loaded if kind not in MOTION or r.role != "validation"] or loaded
+    idle = [r.name for r in loaded if not any(r is one for one in taken)]
+    loaded = taken
     if tracked_point is not None:
         described = with_tracked_point(described, _point(tracked_point))
     method = "filter" if states is not None else method  # what was hidden is estimated by it

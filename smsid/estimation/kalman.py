@@ -148,7 +148,7 @@ class KalmanFilter:
         slow = min((float(np.median(np.diff(t))) for t in clocks), default=0.0)
         m = max(1.0, round(slow / float(np.median(np.diff(self.problem.data.times)))))
         missed *= np.sqrt(m**3 / (4.0 * m**2 - 1.0))
-        return missed if before is None else np.where(before.any(axis=1)[:, None], before, missed)
+        return missed if before is None else np.where(before.any(axis=1, keepdims=True), before, missed)
 
     def restarted(self, belief: Belief, *, until: float) -> KalmanFilter:
         """Return it at the first sample again, with another belief of the state there: what does not depend
