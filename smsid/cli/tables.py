@@ -39,6 +39,7 @@ TITLES = {
 
 ROWS = 28  # of a table, unless everything is asked for
 CELL = 38  # characters of a name in a table
+LEAST = 20  # characters that a name has in any case
 GAP = 2  # between columns
 TONE_STYLE = {"good": "green", "warn": "yellow", "bad": "red", "neutral": ""}
 PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−–\N{NO-BREAK SPACE}", "-0123456789-- ")
@@ -74,8 +75,16 @@ def report_table(table: ReportTable, *, columns: Sequence[str] = (), everything:
     made = plain_table(*(names[k] for k in kept), title=table.title or None, left=left, fold=everything)
     rows = [[plain_text(row[k].text) for k in kept] for row in table.rows]
     widths = [max(map(len, own)) for own in zip([names[k] for k in kept], *rows, strict=True)][1:]
-    room = max(20, WIDTH - sum(widths) - GAP * (len(kept) + 1))
-    made.columns[0].max_width = room = min(room, 58 if everything else CELL)
+    room = WIDTH - sum(widths) - GAP * (len(kept) + 1)
+    least = min(LEAST, max((len(row[0]) for row in rows), default=LEAST))
+    if room < least and rows:  # the widest of the others goes over several lines, between words
+        k = 1 + max(range(len(widths)), key=widths.__getitem__)
+        words = [len(w) for text in (names[kept[k]], *(row[k] for row in rows)) for w in text.split()]
+        folded = max(widths[k - 1] - (least - room), *words, 1)
+        made.columns[k].no_wrap, made.columns[k].max_width = False, folded
+        room += widths[k - 1] - folded
+    made.columns[0].min_width = least = max(1, min(least, room))
+    made.columns[0].max_width = room = min(max(least, room), 58 if everything else CELL)
     for row, texts in zip(table.rows, rows, strict=True):
         first = texts[0] if everything else short_name(texts[0], room)
         styles = [TONE_STYLE[row[k].tone] for k in kept]

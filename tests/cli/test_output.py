@@ -13,15 +13,17 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from smsid.cli.app import main
 from smsid.cli.file_kind import SHOWN, kind_of
-from smsid.cli.output import clip_line, note_lines
-from smsid.cli.tables import plain_text
+from smsid.cli.output import WIDTH, clip_line, note_lines
+from smsid.cli.tables import plain_text, report_table
 from smsid.description.robots import robot_urdf
 from smsid.errors import SmsidError
 from smsid.identify.estimate import load_estimate
 from smsid.recording import load_recording, save_recording
+from smsid.report.model import Table, cells
 from tests.screen import COLUMNS, fits
 
 URDF = Path(__file__).parents[2] / "urdf"
@@ -311,3 +313,16 @@ def test_notes_of_one_kind_are_one_line():
 )
 def test_numbers_of_a_page_are_those_a_program_reads(text, plain):
     assert plain_text(text) == plain
+
+
+def test_names_stay_whole_beside_many_columns():
+    """The last table of `smsid demo` had two characters a line for them."""
+    columns = ("parameter", "#truth", "#paper", *(f"#column {k}" for k in range(5)))
+    texts = ("clamped f2 [Hz]", "0.287", "16.567 (2761.17 kg/m^3)", *(5 * ("0.123456789",)))
+    out = StringIO()
+    Console(file=out, width=WIDTH).print(report_table(Table("", columns, [cells(*texts)])))
+    lines = out.getvalue().splitlines()
+    assert max(map(len, lines)) <= WIDTH
+    assert any("clamped f2 [Hz]" in line for line in lines)
+    assert all(word in out.getvalue() for word in ("16.567", "(2761.17", "kg/m^3)", "0.123456789"))
+    assert "…" not in out.getvalue()
