@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pinocchio as pin
 
-from smsid.errors import RecordingError
+from smsid.errors import RecordingError, SmsidError
 from smsid.estimation._followed_torques import followed_torques
 from smsid.estimation._sensor_uncertainty import reading_uncertainty
 from smsid.estimation._torque_walk import UNKNOWN_FACTOR
@@ -47,6 +47,7 @@ FEWEST_SAMPLES = 20  # samples a flight needs
 FEWEST_FOR_OUTLIERS = 20  # readings of a component from twice which on its outliers can be told
 
 Drive = Literal["command", "measured", "locked"]
+DriveOption = Literal["auto", "command", "measured"]
 
 
 @dataclass(frozen=True)
@@ -60,10 +61,17 @@ class FlightOptions:
     [per sqrt(s)] are given, body axes.
     """
 
-    drive: Literal["auto", "command", "measured"] = "auto"
+    drive: DriveOption = "auto"
     force: tuple[float, float] | None = None
     torque: tuple[float, float] | None = None
     initial: InitialPrior = field(default_factory=InitialPrior)
+
+    def __post_init__(self) -> None:
+        """Raise `SmsidError` for a drive that there is not."""
+        if self.drive not in get_args(DriveOption):
+            raise SmsidError(
+                f"There is no drive '{self.drive}'.", advice=f"Use {', '.join(get_args(DriveOption))}."
+            )
 
 
 @dataclass(frozen=True)

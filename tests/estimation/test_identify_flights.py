@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from smsid.effects import SensorBias
-from smsid.errors import NotIdentifiableError, RecordingError
+from smsid.errors import NotIdentifiableError, RecordingError, SmsidError
 from smsid.estimation._mapping_check import wrong_columns
 from smsid.estimation.fit_quality import ChannelFit, FitQuality
 from smsid.estimation.flight import FlightOptions, flight_of
@@ -296,3 +296,8 @@ def test_what_cannot_be_used_is_refused(tmp_path):
     short = recorded(RIGID, RIGID.fly(0.6, wheels_alone), np.random.default_rng(5))
     with pytest.raises(RecordingError, match="samples"):
         identify_flights(description, [short])
+
+
+def test_a_drive_that_there_is_not_is_refused():
+    with pytest.raises(SmsidError, match="There is no drive 'torque'"):
+        FlightOptions(drive="torque")  # type: ignore[arg-type]
