@@ -57,6 +57,24 @@ def commit(tree: Path) -> str:
     return subprocess.run(asked, capture_output=True, check=True, text=True).stdout.strip()
 
 
+def rows_by_seed(
+    store: Path, run: Callable[[int], dict[str, Any]], seeds: int, minutes: float, told: Callable[..., object]
+) -> list[dict[str, Any]]:
+    """Return a row of each seed, kept in ``store`` by the commit of the sources; stop after some minutes."""
+    store.parent.mkdir(exist_ok=True)
+    sources, end = commit(ROOT), time.monotonic() + 60.0 * minutes
+    every = [json.loads(line) for line in store.read_text().splitlines()] if store.exists() else []
+    rows = [r for r in every if r["commit"] == sources]
+    for seed in sorted(set(range(seeds)) - {r["seed"] for r in rows}):
+        if time.monotonic() > end:
+            break
+        rows.append(run(seed) | {"commit": sources})
+        with store.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(rows[-1]) + "\n")
+        print(seed, told(rows[-1]), flush=True)
+    return rows
+
+
 def interleaved(functions: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, np.ndarray]:
     """Time functions in turn, ``rounds`` times after one warm-up: seconds of each call, (rounds,) by name."""
     for function in functions.values():

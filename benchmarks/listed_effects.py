@@ -11,14 +11,12 @@ kept in ``build/listed_effects.jsonl`` by the commit of the sources.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import ROOT, commit, environment, write_result
+from _common import ROOT, commit, environment, rows_by_seed, write_result
 from _hidden_summary import interval
 
 from smsid.description import load_description
@@ -110,18 +108,10 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=40)
     parser.add_argument("--minutes", type=float, default=20.0, help="stop after so many")
     asked = parser.parse_args()
-    ROWS.parent.mkdir(exist_ok=True)
-    sources, end = commit(ROOT), time.monotonic() + 60.0 * asked.minutes
-    every = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
-    rows = [r for r in every if r["commit"] == sources]
-    for seed in range(asked.runs):
-        if any(r["seed"] == seed for r in rows) or time.monotonic() > end:
-            continue
-        rows.append(run(seed) | {"commit": sources})
-        with ROWS.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-        print(seed, rows[-1]["within"]["verdict"], rows[-1]["beyond"]["causes"], flush=True)
-    result = {"commit": sources, "seeds": [r["seed"] for r in rows], **summary(rows), "rows": rows}
+    rows = rows_by_seed(
+        ROWS, run, asked.runs, asked.minutes, lambda r: (r["within"]["verdict"], r["beyond"]["causes"])
+    )
+    result = {"commit": commit(ROOT), "seeds": [r["seed"] for r in rows], **summary(rows), "rows": rows}
     write_result(NAME, result | {"environment": environment("pin", "mujoco", "numpy", "scipy")})
 
 
