@@ -115,3 +115,17 @@ def test_logs_of_spacecraft_are_not_taken_for_arms(rng):
     t = own.time("encoder.joint_position")
     flown = Recording.from_arrays(t, {"imu.angular_rate": np.zeros((t.size, 3))})
     assert not is_of_an_arm([own, flown]) and not is_of_an_arm([flown])
+
+
+def test_an_arm_may_have_commanded_torques_alone(rng):
+    own = log(rng)
+    q = np.asarray(own["encoder.joint_position"])
+    channels = {"encoder.joint_position": q, "command.joint_torque": q}
+    arm = Recording.from_arrays(own.time("encoder.joint_position"), channels)
+    assert is_of_an_arm([arm])
+    for more in ("command.wheel_torque", "command.force"):
+        base = Recording.from_arrays(
+            own.time("encoder.joint_position"), channels | {more: np.tile(q[:, :1], 3)}
+        )
+        assert not is_of_an_arm([base])
+    assert not is_of_an_arm([arm.without("encoder.joint_position")])

@@ -1,7 +1,10 @@
 """Combinations that data tell apart: by the information alone."""
 
 import numpy as np
+import pytest
 
+from smsid.arm.identify import rigid_arm, structural_base
+from smsid.arm.setup import arm_description
 from smsid.estimation.inertial_combinations import (
     about_centre,
     combination_name,
@@ -10,6 +13,9 @@ from smsid.estimation.inertial_combinations import (
     terms_of_total,
 )
 from smsid.likelihood.combinations import Combination
+from smsid.likelihood.parameters import body_size
+from smsid.model.regressor import Regressor
+from smsid.paths import urdf_folder
 
 
 def test_everything_is_told_by_enough_information():
@@ -88,3 +94,23 @@ def test_the_total_mass_is_the_sum_of_the_masses_that_are_reported():
     assert terms_of_total([total, tank, bus, inertia]) == ("tank.mass", "bus.m")
     assert terms_of_total([row("total.mass", "kg", 1, 0, 0), bus, inertia]) == ("bus.m",)
     assert terms_of_total([total, bus, inertia]) == terms_of_total([bus, inertia]) == ()
+
+
+@pytest.mark.parametrize("robot", ["arm3", "double_pendulum", "ur5", "panda", "xarm7"])
+def test_an_arm_has_the_base_parameters_of_its_torques(robot):
+    """By the information of torques at random states, and by a QR decomposition of their regressor."""
+    try:
+        found = (
+            arm_description(urdf_folder() / "arm3.urdf") if robot == "arm3" else arm_description(robot=robot)
+        )
+    except Exception as error:  # not installed, or another version of the robots
+        pytest.skip(str(error))
+    model, rng = rigid_arm(found), np.random.default_rng(1)
+    regressor = Regressor(model)
+    q = model.set_joint_angles(model.home, rng.uniform(-np.pi, np.pi, (200, len(model.arm_joints))))
+    v, a = rng.normal(size=(2, 200, model.nv))
+    bodies = regressor.parameters.reshape(-1, 10)
+    width = 10.0 * np.maximum(np.concatenate([body_size(theta) for theta in bodies]), 1e-6)
+    rows = regressor.torque(q, v, a).reshape(-1, len(width)) * width
+    _, kept = combinations(1e6 * rows.T @ rows, (), width)
+    assert kept.tolist() == sorted(i for i in structural_base(model).independent.tolist() if i < len(width))
