@@ -21,3 +21,8 @@ def time_text(time: float, start: float | None = None) -> str:
 def stamp_text(time: float) -> str:
     """Return the digits of a time, four or more after the point where they are not zero; of any unit."""
     return f"{time:.4f}".rstrip("0").rstrip(".") if 100.0 <= abs(time) < 1e22 else f"{time:.6g}"
+
+
+def about_text(time: float) -> str:
+    """Return four digits of a time [s] that is estimated; of a stamp since an epoch, as `stamp_text`."""
+    return f"{time:.4g}" if abs(time) < LARGE else stamp_text(time)

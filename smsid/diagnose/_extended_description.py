@@ -16,6 +16,7 @@ from smsid.diagnose.stepwise import Search
 from smsid.effects import BodyError
 from smsid.effects.base import Effect
 from smsid.errors import DescriptionError, SmsidError
+from smsid.estimation.joint_problem import by_own_clock
 from smsid.estimation.map_estimate import MapFit
 from smsid.estimation.parameter_vector import Point
 from smsid.likelihood.consistent import consistent_inertias
@@ -103,10 +104,10 @@ def with_inertial_shifts(point: Point, last: MapFit) -> tuple[Description, tuple
 
 
 def as_now(found: MapFit) -> Point:
-    """Return where a fit of several recordings stands in the last: with effects beginning by its clock."""
+    """Return where a fit stands by its recording's clock, of several by the last's: when effects begin."""
     point, parts = found.point, found.problem.parts
     if not parts:
-        return point
+        return by_own_clock(point, found.problem)
     begins = float(found.problem.data.times[parts[-1].first])
 
     point = point.seen_in(parts[-1].label)

@@ -45,11 +45,13 @@ from smsid.diagnose.validation import Gain, gain
 from smsid.diagnose.verdict import causes, is_piecewise_drift, limits, remaining_tests, test_results, verdict
 from smsid.errors import RecordingError, SmsidError
 from smsid.estimation.bias_walk import bias_walks, with_walk_noise
+from smsid.estimation.clock_shift import on_shifted_clock
 from smsid.estimation.identify_flights import labels_of
 from smsid.estimation.innovations import normalised_rmse
 from smsid.estimation.input_hold import locked_coordinates
 from smsid.estimation.joint_problem import (
     PlacedRecording,
+    by_own_clock,
     joint_problem,
     on_one_clock,
     on_own_clock,
@@ -149,6 +151,9 @@ def _diagnose(
     point, description = known.point, known.point.description
     recordings = [order_columns(r, point.base) for r in recordings]
     placed = on_one_clock(recordings, labels)
+    given, shift = point, placed[0].shift
+    description = on_shifted_clock(description, shift)
+    point = replace(point, description=description)
     read = joint_problem([_problem(point, p, known.joint) for p in placed], placed)
     whole = read.data
     rounded = quantised_channels(whole)
@@ -231,12 +236,12 @@ def _diagnose(
         else:
             named = every
         _, sentence = verdict(found, (*seen, *every), (*seen, *named), partial)
-    extended, told, reached = description, (), found.nominal.point
+    extended, told, reached = given.description, (), by_own_clock(found.nominal.point, problem)
     if found.causes and (decided != "unexplained" or named):
         reached = extended_point(by, hints)
     if decided == "explained" or named:
         extended, told = with_inertial_shifts(reached, by.last)
-    gained, reason = _gain(known.point, found, reached, validation, rate, faults)
+    gained, reason = _gain(given, found, reached, validation, rate, faults)
     foreign = _foreign(found)
     if foreign:
         raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=", ".join(labels))
@@ -250,9 +255,9 @@ def _diagnose(
         for where, t in _timings(problem)
     ]
     apart = [
-        f"'{p.label}' is taken to follow '{q.label}', {p.shift:.4g} s later than by its own clock"
+        f"'{p.label}' is taken to follow '{q.label}', {p.shift - shift:.4g} s later than by its own clock"
         for q, p in pairwise(placed)
-        if p.shift
+        if p.shift != shift
     ]
     opened = [
         f"the shape of the friction of '{joint}' is left open: its torque errs by {size:.3g} (rms) about the "
@@ -361,7 +366,13 @@ def _problem(point: Point, placed: PlacedRecording, joint: JointPrior) -> Proble
             advice="Are the right channels mapped?",
         )
     return Problem(
-        recording, data, locked_coordinates(point.base, recording), CommandTiming(), ProcessNoise(), joint
+        recording,
+        data,
+        locked_coordinates(point.base, recording),
+        CommandTiming(),
+        ProcessNoise(),
+        joint,
+        shift=placed.shift,
     )
 
 
@@ -381,8 +392,8 @@ def _gain(
     if not recordings:
         return None, "no validation recording was given"
     try:
-        nominal, held = found.nominal.point, order_columns(recordings[0], given.base)
-        return gain(given, nominal, extended, held, found.last.problem, rate, faults), ""
+        like, held = found.last.problem, order_columns(recordings[0], given.base)
+        return gain(given, by_own_clock(found.nominal.point, like), extended, held, like, rate, faults), ""
     except (SmsidError, np.linalg.LinAlgError) as error:
         return None, f"not on '{recordings[0].name}': {getattr(error, 'message', error)}"
 

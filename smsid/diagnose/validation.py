@@ -14,6 +14,7 @@ from smsid.diagnose._outliers import outliers
 from smsid.diagnose._sensor_faults import Fault, drop_samples, stuck_channels
 from smsid.diagnose.priors import sensor_errors
 from smsid.errors import SmsidError
+from smsid.estimation.clock_shift import clock_shift, on_shifted_clock
 from smsid.estimation.filter_run import FilterRun
 from smsid.estimation.input_hold import locked_coordinates
 from smsid.estimation.joint_problem import at_point
@@ -126,10 +127,15 @@ def read_like(
 ) -> tuple[SpacecraftModel, Problem]:
     """Return a model and a recording that was not searched as its problem, thinned to ``rate`` [Hz].
 
-    Noise levels are those of another problem, ``like``, where that has the channel. ``stuck`` components
+    The point is by the recording's clock, the model by the problem's. Noise levels are those of another
+    problem, ``like``, where that has the channel. ``stuck`` components
     are left out where they are. Stated errors of sensors, which every recording has its own of, are fitted.
     """
-    point, own = replace(point, biases={}), sensor_errors(point)
+    shift = clock_shift([recording])
+    recording = recording.shifted(shift)
+    description = on_shifted_clock(point.description, shift)
+    point = replace(point, description=description, biases={})
+    own = sensor_errors(point)
     model = point.model()
     whole = measurements_of(model, recording, point.description.effective_sensors())
     if stuck:
@@ -139,7 +145,7 @@ def read_like(
     sigma = np.array([known.get(n, s) for n, s in zip(fresh.names, fresh.sigma, strict=True)])
     data, held = replace(fresh, sigma=sigma), locked_coordinates(model, recording)
     noise = replace(like.noise, shapes=())  # open loop nothing makes up for them
-    problem = replace(like, recording=recording, data=data, locked=held, parts=(), noise=noise)
+    problem = replace(like, recording=recording, data=data, locked=held, parts=(), noise=noise, shift=shift)
     problem = start_like(point, problem, like)
     return model, at_point(fit(point, own, problem, iterations=OWN).point, problem) if own else problem
 

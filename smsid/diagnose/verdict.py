@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid._statistics import NORMAL95
+from smsid._time_text import about_text
 from smsid.diagnose._change_time_posterior import Began, onset_posteriors
 from smsid.diagnose._noise_covariance import strays_by_row
 from smsid.diagnose._plausibility import impossible
@@ -63,7 +64,7 @@ def _cause(found: Search, cause: Cause, starts: Mapping[str, Began]) -> FoundCau
     own = cause.score.candidate
     start = None if own.effect is None else starts.get(own.effect.name)
     begun, recording = own.start, own.recording
-    if begun is not None and found.last.problem.parts:
+    if begun is not None:
         begun, recording = on_own_clock(found.last.problem, begun)
     siblings = [(s, c) for s, c in cause.aliases if is_sibling(s.candidate, own)]
     others = [(s, c) for s, c in cause.aliases if not is_sibling(s.candidate, own)]
@@ -353,7 +354,7 @@ def describe(cause: FoundCause) -> str:
         sigma = cause.onset_sigma
         own = f" of {cause.recording!r}" if cause.recording else ""
         give = "" if sigma is None or not np.isfinite(sigma) else f" +- {NORMAL95 * sigma:.2g}"
-        what += f", from {cause.onset:.4g}{give} s{own} on"
+        what += f", from {about_text(cause.onset)}{give} s{own} on"
     elif cause.recording and "likelihood_ratio" in cause.evidence:  # a fault may be in others, too
         what += f", in {cause.recording!r} alone"
     others = [f"{a.shape} at {a.places}" for a in cause.aliases[:3]]

@@ -206,11 +206,13 @@ def filter_samples(
     drive: Drive,
     state: State,
     samples: Samples,
+    *,
+    shift: float = 0.0,
 ) -> Record:
     """Filter samples and return what was made of them; ``state`` is changed in place.
 
-    It goes on to the next sample where there is one. Raises `SimulationError` when the state or its
-    covariance is no longer finite.
+    Samples are ``shift`` [s] later than by the own clock of the recording. It goes on to the next sample
+    where there is one. Raises `SimulationError` when the state or its covariance is no longer finite.
     """
     n, rows = samples.values.shape
     shape = n, rows, len(state.covariance), len(state.values)
@@ -224,7 +226,7 @@ def filter_samples(
         lost = run_plain(base, parameters, drive, state, samples, record)
         _plain_seconds[0] += time.perf_counter() - began
     if lost != kernel.DONE:
-        raise lost_at(float(samples.edges[lost]))
+        raise lost_at(float(samples.edges[lost]) - shift)
     return record
 
 

@@ -88,8 +88,17 @@ class Flight:
     notes: tuple[str, ...]
 
 
-def flight_of(point: Point, recording: Recording, label: str, options: FlightOptions | None = None) -> Flight:
-    """Return a recording as a problem for the filter.
+def flight_of(
+    point: Point,
+    recording: Recording,
+    label: str,
+    options: FlightOptions | None = None,
+    *,
+    shift: float = 0.0,
+) -> Flight:
+    """Return a recording as a problem for the filter; it is ``shift`` [s] later there than by its own clock.
+
+    Effects of the point begin by the clock of the problem (`on_shifted_clock`).
 
     Raises `RecordingError` when it holds nothing the sensors measure, is too short, or does not say what
     drove a joint that is neither measured nor still.
@@ -98,7 +107,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
     model, sensors = point.base, point.description.effective_sensors()
     known = without_known_errors(recording, sensors)
     doubts = [f"doubtful: {said}" for said in known.check_consistency()]
-    recording = order_columns(recording, model)
+    recording = order_columns(recording, model).shifted(shift)
     data = measurements_of(model, recording, sensors, longest_step(model))
     if len(data.times) < FEWEST_SAMPLES:
         raise RecordingError(
@@ -125,6 +134,7 @@ def flight_of(point: Point, recording: Recording, label: str, options: FlightOpt
         begin=initial_belief(model, data, locked, options.initial, reading_uncertainty(point, data)),
         unknown_inputs=(*unknown, *further),
         bias_walks=bias_walks(data),
+        shift=shift,
     )
     notes += held + dropped + doubts + _without_switching_times(model, recording, inputs)
     names = {int(v): n for g in (model.arm_joints, model.wheels) for n, v in zip(g.names, g.v, strict=True)}

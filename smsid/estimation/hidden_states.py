@@ -58,7 +58,7 @@ def hidden_states(found: FlightEstimate, *, parameters: bool = True) -> Recordin
             lead = re.sub(r"\W+", "_", flight.label).strip("_") + "_" if several else ""
             modes = found.found.point.model().modes.names
             for shown in _of_flight(found, flight, parameters):
-                time = flight.problem.data.times
+                time = flight.problem.own_times
                 for source, values in ((shown.source, shown.values), (f"{shown.source}_sigma", shown.sigma)):
                     name = f"{lead}{source}.{shown.quantity}"
                     before = channels.get(name, (time[:0], values[:0]))  # another piece between gaps

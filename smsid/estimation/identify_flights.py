@@ -20,6 +20,7 @@ from smsid.estimation._normal_equations import NormalEquations
 from smsid.estimation._profile_interval import bound_intervals
 from smsid.estimation._scale_conflict import scale_conflict
 from smsid.estimation._unread_start import with_unread_start
+from smsid.estimation.clock_shift import clock_shift, on_shifted_clock
 from smsid.estimation.commands_between_samples import notes_on_commands, undecided_covariance
 from smsid.estimation.fit_quality import FitQuality, fit_quality
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
@@ -110,10 +111,14 @@ def _identify(
     began = time.perf_counter()
     check_roles(recordings)
     modal, densities = modal_panels(description)
-    described = Point.of(modal)
+    shift = clock_shift(recordings)
+    described = Point.of(on_shifted_clock(modal, shift))
     asked = unknowns_of(described, cad=cad, bodies=bodies, components=True)
     labels = labels_of(recordings)
-    whole = [flight_of(described, r, label, options) for r, label in zip(recordings, labels, strict=True)]
+    whole = [
+        flight_of(described, r, label, options, shift=shift)
+        for r, label in zip(recordings, labels, strict=True)
+    ]
     unknowns = [*asked.unknowns]
     flights: list[Flight] = []
     for flight in whole:
@@ -220,7 +225,7 @@ def _identify(
         history=_history(visited),
         covariance=spread,
     )
-    description = plain_panels(found.point.description)
+    description = on_shifted_clock(plain_panels(found.point.description), -shift)
     return FlightEstimate(estimate, spread, description, quality, disagree, found, tuple(flights))
 
 

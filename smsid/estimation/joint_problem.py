@@ -13,6 +13,7 @@ import numpy as np
 
 from smsid.effects.base import Effect
 from smsid.errors import RecordingError
+from smsid.estimation.clock_shift import clock_shift, on_shifted_clock
 from smsid.estimation.filter_pass import AppliedForces
 from smsid.estimation.filter_run import FilterRun, run_of_each
 from smsid.estimation.input_timing import timing_of
@@ -39,10 +40,10 @@ def on_one_clock(recordings: Sequence[Recording], labels: Sequence[str]) -> list
     """Return recordings on one clock, each after the one before.
 
     Their own clock where they follow one another by it, as pieces of one flight do; else each begins a sample
-    after the end of the one before.
+    after the end of the one before. Where they count from an epoch, the first begins near zero.
     """
     out: list[PlacedRecording] = []
-    end, shift = -np.inf, 0.0
+    end, shift = -np.inf, clock_shift(recordings)
     for recording, label in zip(recordings, labels, strict=True):
         clocks = [np.asarray(recording.time(c), dtype=float) for c in recording.channels]
         first, last = min(c[0] for c in clocks), max(c[-1] for c in clocks)
@@ -111,8 +112,15 @@ def on_own_clock(problem: Problem, time: float) -> tuple[float, str]:
 
     Of one recording alone the label is empty.
     """
+    if not problem.parts:
+        return time - problem.shift, ""
     own = [p for p in problem.parts if problem.data.times[p.first] <= time + 1e-9] or problem.parts[:1]
-    return (time - own[-1].shift, own[-1].label) if own else (time, "")
+    return time - own[-1].shift, own[-1].label
+
+
+def by_own_clock(point: Point, problem: Problem) -> Point:
+    """Return a point with effects beginning by its recording's own clock, of several by the first's."""
+    return replace(point, description=on_shifted_clock(point.description, -problem.shift))
 
 
 def each(problem: Problem, change: Callable[[Problem], Problem]) -> Problem:

@@ -189,7 +189,8 @@ class KalmanFilter:
             self.q.copy(), self.v.copy(), self.unknown.copy(), self.values.copy(), self.covariance.copy()
         )
         drive = forces.drive(self.forces, self.input_noise)
-        found = filter_samples(self.base, self.walks, self.compiled_tables, drive, state, own)
+        how = self.base, self.walks, self.compiled_tables, drive, state, own
+        found = filter_samples(*how, shift=self.problem.shift)
         self.q, self.v, self.unknown, self.values, self.covariance = state
         self._next, self._before = first + n, forces.last
         (q, v, a, tau, inverse), (mid_q, mid_v, mid_a, mid_tau, mid_inverse) = found.at, found.middle

@@ -165,7 +165,8 @@ class Problem:
     first's. ``coloured``: noise levels count what the model cannot follow, whose spectrum is no noise's.
     ``averaged``: parameters are compared in the mean over all torques, even where they may be `profiled`.
     ``of_all_readings``: where they are, likelihoods are of all readings (`at_likeliest_motion`). ``moves`` is
-    where hidden joints begin (`smsid.estimation.moving_start`), unless ``begin`` says so.
+    where hidden joints begin (`smsid.estimation.moving_start`), unless ``begin`` says so. ``shift`` is by
+    what the recording, of several the first, is later than by its own clock [s].
     """
 
     recording: Recording
@@ -183,6 +184,12 @@ class Problem:
     averaged: bool = False
     of_all_readings: bool = False
     moves: tuple[MovingStart, ...] = ()
+    shift: float = 0.0
+
+    @property
+    def own_times(self) -> np.ndarray:
+        """Times of the samples (N,) by the clock of the recording, of several by the first's [s]."""
+        return self.data.times - self.shift
 
     @property
     def given(self) -> np.ndarray:
@@ -248,6 +255,7 @@ def recordings_of(problem: Problem) -> tuple[Problem, ...]:
                 timing=part.timing,
                 moves=part.moves,
                 parts=(),
+                shift=part.shift,
             )
         )
     return tuple(out)

@@ -119,8 +119,9 @@ def open_loop(models: Mapping[str, Point], like: Problem, recording: Recording, 
             own = data.names[row].replace(".", " ", 1).replace("_", " ")
             made, off = ({name: x[:, k] for name, x in several.items()} for several in (simulated, errors))
             components.append(Component(own, label, unit, values[:, k], made, off, float(data.sigma[row])))
-    begin = float(data.times[0]) + SETTLE
-    return OpenLoop(recording.name, data.times, begin, tuple(components), tuple(runs), failed)
+    times = problem.own_times
+    begin = float(times[0]) + SETTLE
+    return OpenLoop(recording.name, times, begin, tuple(components), tuple(runs), failed)
 
 
 def most_different(found: OpenLoop, before: str, after: str, most: int = SHOWN) -> tuple[Component, ...]:

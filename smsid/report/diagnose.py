@@ -15,6 +15,7 @@ from smsid.diagnose.priors import nominal
 from smsid.diagnose.result import Diagnosis, SignificantTest
 from smsid.diagnose.stepwise import Search
 from smsid.diagnose.torque.search import TorqueSearch
+from smsid.estimation.joint_problem import by_own_clock
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording
 from smsid.report._open_loop import OpenLoop, story_section
@@ -96,7 +97,7 @@ def story_sections(found: DiagnosisRun, asked: DiagnosisInputs) -> tuple[list[Se
     if search is None or not (search.causes or (held and found.diagnosis.gain)):
         return [], None
     recording = held[0] if held else asked.recordings[0]
-    extended = search.last.point if found.point is None else found.point
+    extended = by_own_clock(search.last.point, search.last.problem) if found.point is None else found.point
     models = {GIVEN: nominal(asked.description, asked.estimate).point, EXTENDED: extended}
     like, gain = search.last.problem, found.diagnosis.gain
     story, loop = story_section(models, like, recording, seen=not held, rate=asked.rate, gain=gain)
@@ -212,6 +213,7 @@ def _glance(d: Diagnosis) -> list[tuple[str, str]]:
 def innovation_traces(found: Search, recording: Recording) -> dict[str, tuple[Trace, ...]]:
     """Return measured and predicted a sample ahead by channel, residuals after and before the causes."""
     data, run, before = found.last.problem.data, found.last.run, found.nominal.run
+    times = found.last.problem.own_times
     out: dict[str, tuple[Trace, ...]] = {}
     for block in data.blocks:
         attitude = block.quantity == "attitude"
@@ -226,19 +228,19 @@ def innovation_traces(found: Search, recording: Recording) -> dict[str, tuple[Tr
             shares = np.abs(run.errors[used, row] / run.normalised[used, row])
             sigma = float(np.median(shares)) if used.any() else float(data.sigma[row])
             name = data.names[row].replace(".", " ", 1).replace("_", " ")
-            own.append(Trace(name, unit, data.times, *values, error, sigma, before.errors[:, row]))
+            own.append(Trace(name, unit, times, *values, error, sigma, before.errors[:, row]))
         out[block.channel] = tuple(own)
     return out
 
 
 def whitened_groups(found: Search) -> dict[str, tuple[Trace, ...]]:
     """Return whitened innovations by channel, after and before the causes, for their spectra."""
-    data = found.last.problem.data
-    settle = len(data.times) // 50
+    data, times = found.last.problem.data, found.last.problem.own_times
+    settle = len(times) // 50
     left, was = found.last.run.innovations[settle:], found.nominal.run.innovations[settle:]
     return {
         b.channel: tuple(
-            Trace(data.names[k], "1", data.times[settle:], left[:, k], None, left[:, k], 1.0, was[:, k])
+            Trace(data.names[k], "1", times[settle:], left[:, k], None, left[:, k], 1.0, was[:, k])
             for k in range(b.rows.start, b.rows.stop)
         )
         for b in data.blocks

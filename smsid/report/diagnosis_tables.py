@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from smsid._statistics import NORMAL95
+from smsid._time_text import about_text
 from smsid.diagnose.result import Diagnosis, FoundCause, Value
 from smsid.diagnose.validation import Gain
 from smsid.effects.base import Effect, known_effect
@@ -40,7 +41,7 @@ def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
     name = f"{c.label} ({c.effect})"
     if c.onset is not None:
         known_to = "" if c.onset_sigma is None else f" ± {number(NORMAL95 * c.onset_sigma, 2)}"
-        name += f", from {number(c.onset, 4)}{known_to} s on"
+        name += f", from {about_text(c.onset)}{known_to} s on"
     name += f", in '{c.recording}'" if c.recording else ""
     ratio, p = c.evidence.get("likelihood_ratio"), c.evidence.get("p_value")
     told = cells(None if ratio is None else (ratio, 5), None if p is None else (p, 2))
@@ -138,7 +139,7 @@ def cause_in_words(cause: FoundCause) -> str:
         if value.nominal is not None:
             what += f" instead of {number(value.nominal, 4)}"
     if cause.onset is not None:
-        what += f", from {number(cause.onset, 4)} s on"
+        what += f", from {about_text(cause.onset)} s on"
     if cause.recording:
         what += f", in the recording '{cause.recording}'"
     others = [f"{a.shape.replace('_', ' ')} at {a.places}" for a in cause.aliases[:2]]
