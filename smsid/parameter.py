@@ -10,7 +10,8 @@ from dataclasses import dataclass
 class Parameter:
     """One physical parameter.
 
-    ``sigma`` is the standard deviation of the prior, ``None`` when the description states none.
+    ``sigma`` is the standard deviation of the prior, ``None`` when the description states none. Where it
+    ``may_vanish``, the other parameters of its effect mean as much at zero.
     """
 
     name: str
@@ -19,3 +20,4 @@ class Parameter:
     lower: float = -math.inf
     upper: float = math.inf
     sigma: float | None = None
+    may_vanish: bool = False

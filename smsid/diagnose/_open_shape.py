@@ -144,7 +144,9 @@ def _further(point: Point, candidate: Candidate) -> list[Unknown]:
     known = {p.name: p for p in effect.parameters()}
     names = dict.fromkeys((*candidate.also, *(f"{effect.name}.{field}" for field in effect.open_shape)))
     return [
-        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
+        Unknown(
+            n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper, may_vanish=p.may_vanish
+        )
         for n in names
         for p in (known[n],)
     ]

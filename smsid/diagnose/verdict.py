@@ -136,7 +136,17 @@ def _assumed_parameters(found: Search, candidate: Candidate) -> list[Unknown]:
         return []
     fitted = {u.name for u in found.last.unknowns}
     return [
-        Unknown(p.name, "effect", p.unit, p.value, p.sigma, p.sigma, lower=p.lower, upper=p.upper)
+        Unknown(
+            p.name,
+            "effect",
+            p.unit,
+            p.value,
+            p.sigma,
+            p.sigma,
+            lower=p.lower,
+            upper=p.upper,
+            may_vanish=p.may_vanish,
+        )
         for p in candidate.instance(found.last.point).parameters()
         if p.name in candidate.also and p.name not in fitted and p.sigma is not None
     ]

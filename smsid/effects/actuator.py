@@ -220,7 +220,9 @@ class ActuatorDelay(ActuatorEffect):
     actuator: str = Field(
         default=THRUSTER, description="`thruster`, a single thruster, a joint of an arm, or a wheel"
     )
-    delay: float = physical("s", lower=0.0, default=0.0, description="from command to action")
+    delay: float = physical(
+        "s", lower=0.0, may_vanish=True, default=0.0, description="from command to action"
+    )
 
     def target(self) -> str:
         """Return the actuator."""

@@ -164,7 +164,9 @@ class BeamAppendage(Appendage):
     thickness: float = physical("m", lower=0.0, gt=0.0, description="along z, the direction it bends")
     density: float = physical("kg/m^3", lower=0.0, gt=0.0, description="mass per volume")
     youngs_modulus: float = physical("Pa", lower=0.0, gt=0.0, description="E")
-    damping: float = physical("1", lower=0.0, ge=0.0, description="damping ratio of every mode")
+    damping: float = physical(
+        "1", lower=0.0, may_vanish=True, ge=0.0, description="damping ratio of every mode"
+    )
     modes: int = Field(default=3, ge=1, le=20, description="number of bending modes")
     stations: tuple[float, ...] = Field(
         default=(), description="where accelerometers sit, distance from the clamp [m]"

@@ -202,7 +202,7 @@ class ExtraMode(AppendageEffect):
     position: Vector3 = physical("m", description="where it sits, appendage axes")
     direction: Vector3 = Field(default=(0.0, 0.0, 1.0), description="along which it moves, appendage axes")
     frequency: float = physical("Hz", lower=0.0, gt=0.0, description="of the clamped mode")
-    damping: float = physical("1", lower=0.0, default=0.005, description="damping ratio")
+    damping: float = physical("1", lower=0.0, may_vanish=True, default=0.005, description="damping ratio")
 
     @model_validator(mode="after")
     def _moves_somewhere(self) -> ExtraMode:

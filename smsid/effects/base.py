@@ -37,14 +37,21 @@ AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "yy", "xz", "yz", "zz")}
 
 
 def physical(
-    unit: str, *, lower: float = -math.inf, upper: float = math.inf, sparse: bool = False, **kwargs: Any
+    unit: str,
+    *,
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    sparse: bool = False,
+    may_vanish: bool = False,
+    **kwargs: Any,
 ) -> Any:
     """Declare a field of an `Effect`, or of a table in it, as a physical parameter with unit and bounds.
 
     It is a scalar, a 3-vector, or the 6 elements of a symmetric matrix (xx, xy, yy, xz, yz, zz); ``None`` as
-    value takes it out of the parameters, and zero does where it is ``sparse``.
+    value takes it out of the parameters, and zero does where it is ``sparse``. One that ``may_vanish`` is
+    estimated down to zero: the others mean as much without it. A mass makes the effect what it is.
     """
-    extra: Any = {"unit": unit, "lower": lower, "upper": upper, "sparse": sparse}
+    extra: Any = {"unit": unit, "lower": lower, "upper": upper, "sparse": sparse, "may_vanish": may_vanish}
     return Field(json_schema_extra=extra, **kwargs)
 
 
@@ -148,6 +155,7 @@ class Effect(StrictTable):
                 lower=float(extra["lower"]),
                 upper=float(extra["upper"]),
                 sigma=self.prior.get(key),
+                may_vanish=bool(extra["may_vanish"]),
             )
             for key, number, extra in _numbers(self)
         )

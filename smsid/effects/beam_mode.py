@@ -39,7 +39,11 @@ class BeamMode(BeamEffect):
         "1", default=0.0, lower=-0.9, gt=-1.0, description="relative error of its frequency"
     )
     damping: float | None = physical(
-        "1", default=None, lower=0.0, description="damping ratio; that of the beam when not given"
+        "1",
+        default=None,
+        lower=0.0,
+        may_vanish=True,
+        description="damping ratio; that of the beam when not given",
     )
 
     def moved_with(self, old: Effect, new: Effect) -> BeamMode:

@@ -104,8 +104,10 @@ class JointFriction(JointEffect, Starting):
     }
     in_words = "{place} has {shape} friction that the description lacks"
     kind: Literal["joint_friction"] = "joint_friction"
-    viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate")
-    coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque at speed")
+    viscous: float = physical(
+        "N m s/rad", lower=0.0, may_vanish=True, default=0.0, description="torque per rate"
+    )
+    coulomb: float = physical("N m", lower=0.0, may_vanish=True, default=0.0, description="torque at speed")
     viscous_direction: float = physical(
         "N m s/rad",
         default=0.0,
@@ -130,7 +132,11 @@ class JointFriction(JointEffect, Starting):
         description="how sharply `stribeck` falls about that rate: 2 is a Gaussian, 1 an exponential",
     )
     load: float = physical(
-        "1", lower=0.0, default=0.0, description="Coulomb torque per torque that drives the joint"
+        "1",
+        lower=0.0,
+        may_vanish=True,
+        default=0.0,
+        description="Coulomb torque per torque that drives the joint",
     )
     position_cos: float = physical(
         "N m", default=0.0, description="Coulomb torque that goes with the cosine of the joint's angle"

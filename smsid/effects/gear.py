@@ -109,7 +109,9 @@ class Servo(JointEffect):
     stiffness: float = physical(
         "N m/rad", lower=0.0, default=1.0, description="torque per position error; a guess unless `known`"
     )
-    damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate")
+    damping: float = physical(
+        "N m s/rad", lower=0.0, may_vanish=True, default=0.0, description="torque per rate"
+    )
     damps: Literal["rate", "error"] = Field(
         default="rate", description="what the damping takes: the joint's `rate`, or that of the `error`"
     )

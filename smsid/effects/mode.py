@@ -30,7 +30,7 @@ class Mode(StrictTable):
     """
 
     frequency: float = physical("Hz", lower=0.0, gt=0.0, description="of the clamped mode")
-    damping: float = physical("1", lower=0.0, ge=0.0, description="damping ratio")
+    damping: float = physical("1", lower=0.0, may_vanish=True, ge=0.0, description="damping ratio")
     translation: Vector3 = physical(
         "kg^0.5", sparse=True, description="L_t, translational participation, appendage axes"
     )

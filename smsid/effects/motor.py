@@ -49,7 +49,7 @@ class MotorInertia(JointEffect):
     in_words = "the motor of {place} adds inertia that the description lacks"
     kind: Literal["motor_inertia"] = "motor_inertia"
     inertia: float = physical(
-        "kg m^2", lower=0.0, description="at the joint: ratio squared times the rotor's"
+        "kg m^2", lower=0.0, may_vanish=True, description="at the joint: ratio squared times the rotor's"
     )
 
     def torque_columns(self, of: JointStateOf) -> TorqueColumns:
@@ -80,9 +80,15 @@ class MotorCoupling(Effect):
     ratios: tuple[float, ...] = Field(
         default=(), description="weight of each joint in s; all 1 when not given"
     )
-    inertia: float = physical("kg m^2", lower=0.0, default=0.0, description="of the motor, for s")
-    viscous: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque on s per rate of s")
-    coulomb: float = physical("N m", lower=0.0, default=0.0, description="torque on s at speed")
+    inertia: float = physical(
+        "kg m^2", lower=0.0, may_vanish=True, default=0.0, description="of the motor, for s"
+    )
+    viscous: float = physical(
+        "N m s/rad", lower=0.0, may_vanish=True, default=0.0, description="torque on s per rate of s"
+    )
+    coulomb: float = physical(
+        "N m", lower=0.0, may_vanish=True, default=0.0, description="torque on s at speed"
+    )
     smoothing: float = Field(
         default=SMOOTHING, gt=0.0, description="rate of s at which the Coulomb torque reaches 76 % [rad/s]"
     )
@@ -235,7 +241,9 @@ class GearCompliance(ElasticGear):
     in_words = "the gear of {place} is elastic"
     kind: Literal["gear_compliance"] = "gear_compliance"
     compliance: float = physical("rad/(N m)", lower=0.0, default=0.0, description="twist per torque")
-    damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="torque per rate of twist")
+    damping: float = physical(
+        "N m s/rad", lower=0.0, may_vanish=True, default=0.0, description="torque per rate of twist"
+    )
 
     def rigid(self) -> bool:
         """Whether the gear does not give."""
@@ -293,7 +301,7 @@ class Backlash(ElasticGear):
         "N m/rad", lower=1e-9, default=1e4, description="of the teeth when they touch"
     )
     contact_damping: float = physical(
-        "N m s/rad", lower=0.0, default=0.0, description="of the teeth when they touch"
+        "N m s/rad", lower=0.0, may_vanish=True, default=0.0, description="of the teeth when they touch"
     )
     turn_torque: float = physical(
         "N m", lower=1e-6, default=0.3, description="torque that takes the motor across, when quasistatic"

@@ -161,7 +161,7 @@ class SensorDelay(QuantityEffect):
     kind: Literal["sensor_delay"] = "sensor_delay"
     value_field = term = "delay"
     shifts_time = True
-    delay: float = physical("s", lower=0.0, default=0.0, description="beyond the stated one")
+    delay: float = physical("s", lower=0.0, may_vanish=True, default=0.0, description="beyond the stated one")
 
 
 @register

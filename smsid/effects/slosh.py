@@ -44,7 +44,9 @@ class Slosh(Effect):
         "kg", lower=0.0, gt=0.0, description="m_s, beside the mass of the body that carries it"
     )
     stiffness: Vector3 = physical("N/m", lower=0.0, description="of the springs along the axes of `frame`")
-    damping: Vector3 = physical("N s/m", lower=0.0, description="of the dampers along the axes of `frame`")
+    damping: Vector3 = physical(
+        "N s/m", lower=0.0, may_vanish=True, description="of the dampers along the axes of `frame`"
+    )
     mass_in_bus: bool = Field(
         default=False, description="whether the body that carries it counts the mass already; it is taken out"
     )
@@ -110,7 +112,9 @@ class SloshNonlinearity(TankEffect):
         default="radial", description="by the distance from c_s, or every axis by itself"
     )
     cubic: float = physical("N/m^3", default=0.0, description="of the spring; negative when it softens")
-    quadratic_damping: float = physical("N s^2/m^2", lower=0.0, default=0.0, description="of the damper")
+    quadratic_damping: float = physical(
+        "N s^2/m^2", lower=0.0, may_vanish=True, default=0.0, description="of the damper"
+    )
 
     def attach(self, assembly: Assembly) -> None:
         """Add the force on the slosh mass; raises `DescriptionError` without the tank."""
@@ -175,7 +179,9 @@ class SloshPendulum(Effect):
     )
     mass: float = physical("kg", lower=0.0, gt=0.0, description="that sloshes, beside that of the body")
     length: float = physical("m", lower=0.0, gt=0.0, description="from the pivot to the mass")
-    damping: float = physical("N m s/rad", lower=0.0, default=0.0, description="about the pivot")
+    damping: float = physical(
+        "N m s/rad", lower=0.0, may_vanish=True, default=0.0, description="about the pivot"
+    )
     stiffness: float = physical(
         "N m/rad", lower=0.0, default=0.0, description="about the pivot, without thrust"
     )

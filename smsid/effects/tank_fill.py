@@ -49,7 +49,9 @@ class TankFill(TankEffect):
     propellant: float = physical(
         "kg", lower=0.0, gt=0.0, description="in the tank at the start, slosh mass and all"
     )
-    consumption: float = physical("s/m", lower=0.0, description="mass used per impulse, kg per N s")
+    consumption: float = physical(
+        "s/m", lower=0.0, may_vanish=True, description="mass used per impulse, kg per N s"
+    )
     fill: float = Field(default=1.0, gt=0.0, le=1.0, description="of the tank at the start")
     law: Literal["cylinder", "table"] = Field(default="cylinder", description="how slosh goes with the fill")
     height: float = Field(default=2.0, gt=0.0, description="of a full cylinder, in radii")

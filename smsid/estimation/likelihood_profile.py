@@ -45,7 +45,7 @@ class Profile:
 
     ``name`` and ``index`` are the parameter's; ``changes`` (k, m) are those of all unknowns from the maximum,
     in scales, by rising values of it, and ``falls`` (k,) those of the log-posterior. ``open``: to which sides
-    (below, above) the likelihood does not fall off as far as it was followed.
+    (below, above) the likelihood does not fall off as far as it was followed, and no bound is.
     """
 
     name: str
@@ -282,7 +282,9 @@ class _Follower:
         return Profile(name, i, changes[keep], falls[keep], (open_[0], open_[1]))
 
     def side(self, i: int, side: float) -> tuple[list[tuple[np.ndarray, float]], bool]:
-        """Return changes (m,) and falls to one side, and whether the log-posterior falls by `fall` there."""
+        """Return changes (m,) and falls to one side, and whether it ends there: the log-posterior falls by
+        `fall`, or the parameter is at its bound.
+        """
         found, unknown, root = self.found, self.found.unknowns[i], float(np.sqrt(self.fall))
         sigma = float(np.sqrt(self.covariance[i, i])) * unknown.scale
         here, value = found.point, found.point.value(unknown)
@@ -315,7 +317,7 @@ class _Follower:
             slope = side * (y1 - y0) / (x1 - x0) if x1 != x0 else 0.0
             most = 2.0 * abs(x0 - known[0][0]) + sigma
             wanted = x0 + side * (min((aim - y0) / slope, most) if slope > 0.0 else most)
-        return out, max(y for _, y in known) >= root
+        return out, max(y for _, y in known) >= root or value in (unknown.lower, unknown.upper)
 
     def at_best(self, i: int, near: Point, value: float) -> tuple[Point, float]:
         """Return the most likely point with unknown ``i`` near a value, and by how much less likely it is.

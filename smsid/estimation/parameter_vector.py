@@ -60,7 +60,8 @@ class Unknown:
     where an inertial one stands among those of the model, the component of a sensor's error, or the place in
     the state. ``sigma`` is the prior's standard deviation (infinite: none), ``nominal`` its mean; ``scale`` a
     typical size of a change. ``polar``
-    makes it a component of an amplitude: along a reference, or across it (`Polar`).
+    makes it a component of an amplitude: along a reference, or across it (`Polar`). One that
+    ``may_vanish`` can go to zero in one step.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Unknown:
     lower: float = -np.inf
     upper: float = np.inf
     polar: Polar | None = None
+    may_vanish: bool = False
 
     @property
     def of_recording(self) -> bool:
@@ -81,9 +83,8 @@ class Unknown:
 
     @property
     def positive(self) -> bool:
-        """Whether it is a mass or a spring, without which the effect is none; a damping may vanish."""
-        bound = self.kind == "effect" and 0.0 <= self.lower < self.nominal
-        return bound and "damping" not in self.name
+        """Whether it is a mass or a spring, without which the effect is none; friction may vanish."""
+        return self.kind == "effect" and 0.0 <= self.lower < self.nominal and not self.may_vanish
 
     def unbound(self) -> Unknown:
         """Return the parameter without its prior."""
