@@ -1,0 +1,112 @@
+"""Stamps that count from an epoch: the same numbers as from zero, and times by the recording's own clock."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import smsid
+from smsid.description import Description, load_description
+from smsid.diagnose import diagnose
+from smsid.effects import ActuatorDelay, ExternalWrench
+from smsid.estimation.arm_motion import identify_arm_motion
+from smsid.estimation.clock_shift import clock_shift, on_shifted_clock
+from smsid.estimation.hidden_states import hidden_states
+from smsid.estimation.identify_flights import identify_flights
+from smsid.estimation.joint_problem import on_one_clock
+from smsid.recording import Recording
+from tests.hidden.catalogue import hidden_effects
+from tests.hidden.flight import write_run
+from tests.tracking.craft import craft, flight
+
+EPOCH = 1_700_000_000.25  # [s] in November 2023
+
+
+def arm(folder, hidden: str, value: float, onset: float | None = None) -> tuple[Description, list[Recording]]:
+    """MuJoCo's arm, that hides something, and two recordings of it with stamps since 1970."""
+    change = hidden_effects("arm")[hidden].make(value, onset, np.random.default_rng(5))
+    files = write_run("arm", folder, [1, 79], [change], duration=30.0)
+    own = [smsid.load_recording(path) for path in (files.recording, files.validation)]
+    return load_description(files.description), [r.shifted(EPOCH) for r in own]
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory):
+    return arm(tmp_path_factory.mktemp("late"), "actuator_delay:delay@joint2", 0.02)
+
+
+def test_only_stamps_since_an_epoch_are_shifted():
+    short = flight(3.0)
+    assert clock_shift([short]) == 0.0
+    assert clock_shift([short.shifted(1000.0)]) == 0.0
+    assert clock_shift([short.shifted(EPOCH)]) == -1_700_000_000.0
+    assert clock_shift([short.shifted(EPOCH), short.shifted(EPOCH - 50.0)]) == -1_699_999_950.0
+    assert clock_shift([short, short.shifted(EPOCH)]) == 0.0
+
+
+def test_recordings_that_follow_one_another_since_an_epoch_keep_their_distance():
+    first, second = flight(3.0).shifted(EPOCH), flight(3.0, seed=2).shifted(EPOCH + 100.0)
+    a, b = on_one_clock([first, second], ["a", "b"])
+    assert a.shift == b.shift == -1_700_000_000.0
+    assert a.recording.time()[0] == 0.25
+    assert b.recording.time()[0] == 100.25
+
+
+def test_effects_begin_later_by_a_clock_that_shows_more(tmp_path):
+    push = ExternalWrench(name="push", torque=(0.1, 0.0, 0.0), start=20.0)
+    always = ExternalWrench(name="drag", force=(0.1, 0.0, 0.0))
+    described = craft(tmp_path).with_effects(push, always)
+    shifted = on_shifted_clock(described, 5.0)
+    assert shifted.get_effect("push").start == 25.0
+    assert shifted.get_effect("drag").start is None
+    assert on_shifted_clock(described, 0.0) is described
+
+
+def test_a_delay_is_identified(late):
+    described, (recording, _) = late
+    described = described.with_effects(ActuatorDelay(name="late", actuator="joint2", delay=5e-3))
+    found = identify_arm_motion(described, [recording], reason="a test")
+    delay = found.estimate["late.delay"]
+    assert delay.status == "identifiable" and delay.sigma < 2e-6
+    assert delay.value == pytest.approx(0.02, abs=4.0 * delay.sigma)
+    assert found.quality is not None and found.quality.judgement == "explained"
+
+
+def test_a_delay_is_diagnosed(late):
+    described, (recording, validation) = late
+    found = diagnose(described, [recording], validation=[validation])
+    assert found.diagnosis.verdict == "explained"
+    (cause,) = found.diagnosis.causes
+    assert (cause.effect, cause.location) == ("actuator_delay", "joint2")
+    value = cause.parameters[0]
+    assert value.value == pytest.approx(0.02, abs=4.0 * value.sigma) and value.sigma < 2e-6
+    assert found.diagnosis.gain is not None
+    assert found.diagnosis.gain.whitened_extended < 1.1
+
+
+def test_what_begins_midway_is_told_by_the_clock_of_the_recording(tmp_path):
+    described, (recording, validation) = arm(tmp_path, "joint_friction:viscous@joint2", 0.5, onset=12.0)
+    found = diagnose(described, [recording], validation=[validation])
+    (cause,) = found.diagnosis.causes
+    assert found.diagnosis.verdict == "explained" and cause.effect == "joint_friction"
+    assert cause.onset == pytest.approx(EPOCH + 12.0, abs=0.5)
+    assert f"{cause.onset:.2f}"[:10] in found.diagnosis.sentence
+    (added,) = [e for e in found.extended.effect if e.kind == "joint_friction"]
+    assert added.start == pytest.approx(EPOCH + 12.0, abs=0.5)
+    again = diagnose(found.extended, [recording])
+    assert again.diagnosis.verdict == "adequate"
+
+
+def test_flights_are_identified_as_from_zero(tmp_path):
+    described = craft(tmp_path)
+    push = ExternalWrench(name="push", torque=(0.01, 0.0, 0.0), start=20.0, known=("force",))
+    recording = flight(40.0)
+    plain = identify_flights(described.with_effects(push), [recording])
+    later = push.model_copy(update={"start": 20.0 + EPOCH})
+    found = identify_flights(described.with_effects(later), [recording.shifted(EPOCH)])
+    assert found.description.get_effect("push").start == 20.0 + EPOCH
+    for p, q in zip(plain.estimate.parameters, found.estimate.parameters, strict=True):
+        assert q.value == pytest.approx(p.value, abs=0.2 * p.sigma)  # stamps are rounded to 0.24 us
+        assert q.sigma == pytest.approx(p.sigma, rel=0.02)
+    told = hidden_states(found, parameters=False)
+    assert told.time(told.channels[0])[0] == pytest.approx(EPOCH, abs=1e-6)
