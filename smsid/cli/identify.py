@@ -240,6 +240,8 @@ def identify_command(
         return identify_report(described, loaded, found.linear, found.refined, origin)
 
     made = write_page(report, page, [description, *files], described)
+    more = linear.estimate.notes if linear is not None and found.refined is not None else ()
+    print_estimate(estimate, more, everything=show_all)
     if states is not None and found.flights is not None:
         from smsid.estimation.hidden_states import hidden_states
         from smsid.recording import save_recording
@@ -247,8 +249,6 @@ def identify_command(
         with show_spinner("smoothing hidden states"):
             hidden = hidden_states(found.flights)
         save_recording(hidden, states)
-    more = linear.estimate.notes if linear is not None and found.refined is not None else ()
-    print_estimate(estimate, more, everything=show_all)
     for name in idle:
         say(f"'{name}', in the role validation, took no part: `smsid diagnose --validate` measures its error")
     written = [output, *made, *([states] if states is not None else [])]
