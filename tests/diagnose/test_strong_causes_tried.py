@@ -45,5 +45,5 @@ def test_which_strong_causes_are_fitted(monkeypatch, follow, tried):
     }.items():
         monkeypatch.setattr(strong_causes, name, stub)
     point = SimpleNamespace(model=lambda: None)
-    assert coarse_cause(point, SimpleNamespace(parts=()), (), every) is None
+    assert coarse_cause(point, SimpleNamespace(parts=(), shift=0.0), (), every) is None
     assert "".join(asked) == tried

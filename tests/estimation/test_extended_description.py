@@ -41,7 +41,7 @@ def test_an_extended_description_is_identified(tmp_path):
     point = replace(Point.of(given.with_effects(cause)), inertial={0: 20.0, 4: -6.0, 9: -4.0})
     unknown = SimpleNamespace(name="cause.error.z")
     fit = SimpleNamespace(
-        point=point, problem=SimpleNamespace(parts=()), unknowns=(unknown,), told=np.array([True]),
+        point=point, problem=SimpleNamespace(parts=(), shift=0.0), unknowns=(unknown,), told=np.array([True]),
         covariance=lambda: np.array([[1e-5]]),
     )  # fmt: skip
     nominal = SimpleNamespace(point=Point.of(given))
@@ -107,7 +107,7 @@ def test_what_a_diagnosis_found_is_known_as_well_as_it_was_found(tmp_path, liste
     names, sigmas = ("held.mass", "held.com.x"), np.array([0.01, 0.04])
     now = before.model_copy(update={"mass": 2.0, "com": held.com}) if listed else held
     fit = SimpleNamespace(
-        point=Point.of(given.with_effects(now)), problem=SimpleNamespace(parts=()),
+        point=Point.of(given.with_effects(now)), problem=SimpleNamespace(parts=(), shift=0.0),
         unknowns=tuple(SimpleNamespace(name=n) for n in names), told=np.array([True, True]),
         covariance=lambda: np.diag(sigmas**2),
     )  # fmt: skip
