@@ -13,20 +13,23 @@ FEWEST, MEMORY = 20, 600  # readings of a component before it is judged; that it
 
 
 class FitWatch:
-    """Listens to a tracker. ``widening`` is the factor its standard deviations need, one while all is right.
+    """Listens to a tracker. ``misfit`` is the root mean square of the normalised innovations of the worst
+    component, once that is beyond `smsid.estimation.fit_quality.WRONG_RATIO`, one while all is right.
 
-    It is the root mean square of the normalised innovations of the worst component, once that is beyond
-    `smsid.estimation.fit_quality.WRONG_RATIO`, and does not shrink: what a wrong model has done to parameters
-    stays. ``component`` is where it was; ``squares`` are mean square and number of readings by component.
+    It does not shrink: what a wrong model has done to parameters stays. ``component`` is where it was;
+    ``squares`` are mean square and number of readings by component. ``apart`` is how far the filter was from
+    the most likely parameters of the same samples, in its standard deviations (`WarmStart`), ``seconds`` [s].
     """
 
     def __init__(
         self,
-        widening: float = 1.0,
+        misfit: float = 1.0,
         component: str = "",
         squares: Mapping[str, tuple[float, int]] | None = None,
+        apart: float = 1.0,
+        seconds: float = 0.0,
     ) -> None:
-        self.widening, self.component = widening, component
+        self.misfit, self.component, self.apart, self.seconds = misfit, component, apart, seconds
         known = dict(squares or {})
         self._names = list(known)
         self._mean = np.array([mean for mean, _ in known.values()], dtype=float)
@@ -50,9 +53,9 @@ class FitWatch:
         mean += (update.normalised**2 - mean) / np.minimum(count, MEMORY)
         self._mean[at], self._count[at] = mean, count
         worst = np.where(count >= FEWEST, mean, 0.0)
-        if len(worst) and worst.max() > max(WRONG_RATIO, self.widening) ** 2:
+        if len(worst) and worst.max() > max(WRONG_RATIO, self.misfit) ** 2:
             k = int(worst.argmax())
-            self.widening, self.component = float(mean[k]) ** 0.5, update.rows[k]
+            self.misfit, self.component = float(mean[k]) ** 0.5, update.rows[k]
 
     def _places_of(self, rows: tuple[str, ...]) -> np.ndarray:
         new = [name for name in rows if name not in self._names]
@@ -62,16 +65,29 @@ class FitWatch:
         return np.array([self._names.index(name) for name in rows], dtype=int)
 
     @property
+    def widening(self) -> float:
+        """The factor that the filter's standard deviations need."""
+        return self.misfit * self.apart
+
+    @property
     def explained(self) -> bool:
         """Whether no component was left at more than `WRONG_RATIO` times its noise."""
-        return self.widening == 1.0
+        return self.misfit == 1.0
 
     @property
     def sentence(self) -> str:
         """What does not fit, or nothing."""
-        if self.explained:
-            return ""
-        return (
-            f"The model does not explain the telemetry: {self.component} is left at {self.widening:.3g} "
-            "times its noise. Bands are that much wider; the values may still be wrong"
-        )
+        said = []
+        if not self.explained:
+            said.append(
+                f"The model does not explain the telemetry: {self.component} is left at {self.misfit:.3g} "
+                "times its noise. Bands are that much wider; the values may still be wrong"
+            )
+        if self.apart > 1.0:
+            said.append(
+                f"after {self.seconds:.4g} s the filter was {self.apart:.3g} of its standard deviations from "
+                "the most likely parameters of the same samples: a filter averages over torques that follow "
+                "measured motion, and is linear about where it was. Bands are that much wider, and changes "
+                "that are told may be none; `smsid identify` is not pulled so"
+            )
+        return ". ".join(x[0].upper() + x[1:] for x in said)

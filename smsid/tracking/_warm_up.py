@@ -1,12 +1,18 @@
-"""Find where to linearise a filter that begins far from the truth: the maximum of a recording's beginning."""
+"""Where to linearise a filter that begins far from the truth: the maximum of a recording's beginning.
+
+What the filter believes after the same samples ought to be that, too. A filter averages over torques that
+nobody recorded, and noise of measured motion pulls its parameters as noise in a regressor does; the maximum,
+at the likeliest motion, is not pulled. How far they are apart is Hausman's test, Econometrica 46 (1978) 1251.
+"""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from smsid.errors import SmsidError
 from smsid.estimation.flight import Flight
@@ -14,19 +20,51 @@ from smsid.estimation.flight_search import search_flights
 from smsid.estimation.loosening import thin_flight
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.problem import CommandTiming
+from smsid.tracking._parameter_filter import ParameterFilter
 from smsid.tracking._tracker import Tracker
 from smsid.tracking.followed_parameters import Followed
 
 LOGGER = logging.getLogger(__name__)
+CHANCE = 1e-4  # with which a filter that is right is found apart from the maximum
+
+
+@dataclass(frozen=True)
+class WarmStart:
+    """The most likely ``values`` (k,) of parameters ``index`` (k,) of a filter by the samples until ``until``
+    [s], and their ``covariance`` (k, k); ``seconds`` [s] they are of.
+    """
+
+    index: np.ndarray
+    values: np.ndarray
+    covariance: np.ndarray
+    until: float
+    seconds: float
+
+    def disagreement(self, f: ParameterFilter) -> float:
+        """Return the root mean square of how far a filter is from there, in its own standard deviations; one
+        where chance would have it so, or less.
+
+        The difference of an estimate from a better one of the same data varies less than either; both are
+        taken, and how far parameters may have wandered. Those with a trend are not asked.
+        """
+        trending = {x.of for x in f.followed if x.of >= 0}
+        keep = np.array([i not in trending for i in self.index])
+        index, covariance = self.index[keep], self.covariance[np.ix_(keep, keep)]
+        away = f.values[index] - self.values[keep]
+        own = f.parameter_covariance()[np.ix_(index, index)]
+        wandered = np.diag([f.followed[i].rate ** 2 * self.seconds for i in index])
+        if chi2.sf(_squared_distance(away, own + covariance + wandered), len(away)) > CHANCE:
+            return 1.0
+        return max(1.0, float(np.sqrt(_squared_distance(away, own) / len(away))))
 
 
 def linearise_by_search(
     tracker: Tracker, described: Point, flight: Flight, seconds: float
-) -> tuple[tuple[CommandTiming, float], list[str]]:
+) -> tuple[tuple[CommandTiming, float], list[str], WarmStart | None]:
     """Linearise a tracker about the most likely parameters of a flight's first seconds.
 
-    Returns how commands act by that and the steps that it takes [s], and notes. Only the point of
-    linearisation changes: means and covariances stay what they are.
+    Returns how commands act by that and the steps that it takes [s], notes, and what was found. Only the
+    point of linearisation changes: means and covariances stay what they are.
     """
     f = tracker.filter
     begun = thin_flight(_first_seconds(flight, seconds, f.followed))  # where to be linear takes no more
@@ -40,15 +78,31 @@ def linearise_by_search(
         found, taken, _ = search_flights(described, unknowns, [begun])
     except SmsidError as error:
         LOGGER.info("no warm-up: %s", error)
-        return (flight.problem.timing, flight.problem.substep), [
-            f"the search over the first {seconds:.4g} s did not come to rest: models begin at the "
-            "description's values, and bands may be too narrow at first"
-        ]
+        return (
+            (flight.problem.timing, flight.problem.substep),
+            [
+                f"the search over the first {seconds:.4g} s did not come to rest: models begin at the "
+                "description's values, and bands may be too narrow at first"
+            ],
+            None,
+        )
     values, sigmas = f.values.copy(), f.sigmas()
     values[sought] = [found.point.value(u) for u in unknowns]
-    sigmas[sought] = np.sqrt(np.diag(np.linalg.inv(found.gram))) * found.scales
+    covariance = np.linalg.inv(found.gram) * np.outer(found.scales, found.scales)
+    sigmas[sought] = np.sqrt(np.diag(covariance))
     f.linearise_at(values, sigmas)
-    return (taken[0].problem.timing, taken[0].problem.substep), []
+    times = begun.problem.data.times
+    start = WarmStart(
+        np.array(sought), values[sought], covariance, float(times[-1]), float(times[-1] - times[0])
+    )
+    return (taken[0].problem.timing, taken[0].problem.substep), [], start
+
+
+def _squared_distance(away: np.ndarray, covariance: np.ndarray) -> float:
+    """Return how far a difference (k,) is, squared, in standard deviations of a covariance (k, k)."""
+    size = np.sqrt(np.diag(covariance))
+    scaled = away / size
+    return float(scaled @ np.linalg.pinv(covariance / np.outer(size, size), hermitian=True) @ scaled)
 
 
 def _first_seconds(flight: Flight, seconds: float, followed: Sequence[Followed]) -> Flight:

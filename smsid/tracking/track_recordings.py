@@ -32,7 +32,7 @@ from smsid.tracking._sample_buffer import Event
 from smsid.tracking._setting import Setting
 from smsid.tracking._tracker import CHUNK, Tracker
 from smsid.tracking._update import Update
-from smsid.tracking._warm_up import linearise_by_search
+from smsid.tracking._warm_up import WarmStart, linearise_by_search
 from smsid.tracking.followed_parameters import UNCERTAIN, Rate
 from smsid.tracking.history import SmoothedTrack, TrackHistory
 
@@ -119,7 +119,9 @@ def track_recordings(
     flown: list[tuple[Flight, Recording, float | None]] = []
     if estimate is None and warm_up > 0.0:
         looked = flights[0].problem.timing
-        (timing, step), more = linearise_by_search(tracker, described, flights[0], warm_up)
+        (timing, step), more, warm = linearise_by_search(tracker, described, flights[0], warm_up)
+        if warm is not None:
+            listeners.append(_held_against(warm, tracker, rows, detector))
         flights = [with_timing(f, timing) if f.problem.timing == looked else f for f in flights]
         flights = [
             replace(f, problem=replace(f.problem, substep=min(step, f.problem.substep))) for f in flights
@@ -179,6 +181,26 @@ def track_recordings(
         smoothed,
     )
     return history, tracker
+
+
+def _held_against(
+    warm: WarmStart, tracker: Tracker, rows: _Rows, detector: ChangeDetector | None
+) -> Callable[[Update], None]:
+    """Return a listener that holds a tracker against its warm-up, once, where that ends.
+
+    Not where something changed or was lost by then: of one value for all of it nothing is asked.
+    """
+    left = [warm]
+
+    def hear(update: Update) -> None:
+        if left and update.time >= tracker.time >= left[0].until:
+            found = left.pop()
+            if not (tracker.log.counts.get("lost") or (detector is not None and detector.changes)):
+                apart = found.disagreement(tracker.filter)
+                tracker.watch.apart, tracker.watch.seconds = apart, found.seconds
+                rows.table["sigmas"] = [apart * x for x in rows.table["sigmas"]]  # it was pulled all along
+
+    return hear
 
 
 def _smooth_rows(

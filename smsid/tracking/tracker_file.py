@@ -72,7 +72,9 @@ def save_tracker(tracker: Tracker, path: str | os.PathLike[str]) -> Path:
         "looks": tracker._looks,
         "samples": tracker.samples,
         "watch": {
-            "widening": tracker.watch.widening,
+            "widening": tracker.watch.misfit,
+            "apart": tracker.watch.apart,
+            "seconds": tracker.watch.seconds,
             "component": tracker.watch.component,
             "squares": tracker.watch.squares,
         },
@@ -141,7 +143,9 @@ def load_tracker(path: str | os.PathLike[str], description: Description) -> Trac
         _restore_beginning(f, document["beginning"], arrays)
     watch = document["watch"]
     squares = {name: (mean, count) for name, (mean, count) in watch["squares"].items()}
-    tracker.watch = FitWatch(watch["widening"], watch["component"], squares)
+    tracker.watch = FitWatch(
+        watch["widening"], watch["component"], squares, watch.get("apart", 1.0), watch.get("seconds", 0.0)
+    )
     tracker._first, tracker._looks = document["first"], document["looks"]
     tracker.moving, tracker.samples = document["moving"], document["samples"]
     tracker._before = arrays.get("before")
