@@ -241,6 +241,7 @@ def identify_command(
 
     made = write_page(report, page, [description, *files], described)
     more = linear.estimate.notes if linear is not None and found.refined is not None else ()
+    more = [n if n in estimate.notes else f"first guess, by the paper's method: {n}" for n in more]
     print_estimate(estimate, more, everything=show_all)
     if states is not None and found.flights is not None:
         from smsid.estimation.hidden_states import hidden_states

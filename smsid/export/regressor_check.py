@@ -16,6 +16,7 @@ from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 
 ROUNDS = 5  # of which the median is told
+STATES_OF_RANK = 50  # random states, at least, that base parameters are told by: fewer give too low a rank
 
 
 @dataclass(frozen=True)
@@ -40,15 +41,19 @@ def check_regressor(model: SpacecraftModel, rng: np.random.Generator, *, states:
 
     Pinocchio's centroidal momentum and inverse dynamics; MuJoCo's inverse dynamics of the exported model,
     where it is installed; and for every parameter by itself, that v'Y(v) is twice the kinetic energy of a
-    body that has that parameter alone.
+    body that has that parameter alone. Base parameters are those of `STATES_OF_RANK` states at least.
 
     Raises `DescriptionError` for a model that cannot be written for MuJoCo.
     """
     p = model.pin
-    samples = [
-        (pin.integrate(p, pin.neutral(p), rng.uniform(-1.5, 1.5, p.nv)), *rng.normal(size=(2, p.nv)))
-        for _ in range(states)
-    ]
+
+    def drawn(count: int) -> list[tuple[np.ndarray, ...]]:
+        return [
+            (pin.integrate(p, pin.neutral(p), rng.uniform(-1.5, 1.5, p.nv)), *rng.normal(size=(2, p.nv)))
+            for _ in range(count)
+        ]
+
+    samples = drawn(states)
     q, v, a = (np.array(x) for x in zip(*samples, strict=True))
     regressor = Regressor(model)
     theta = regressor.parameters
@@ -87,7 +92,11 @@ def check_regressor(model: SpacecraftModel, rng: np.random.Generator, *, states:
             missing.append(f"MuJoCo: {error.message}")
         else:
             errors["torque, MuJoCo inverse"] = _worst(torque @ theta, mujoco_torques(model, xml, q, v, a))
-    base = base_parameters(torque.reshape(-1, regressor.columns), regressor.names, regressor.units)
+    rows = torque.reshape(-1, regressor.columns)
+    if states < STATES_OF_RANK:
+        more = (np.array(x) for x in zip(*drawn(STATES_OF_RANK - states), strict=True))
+        rows = np.vstack([rows, regressor.torque(*more).reshape(-1, regressor.columns)])
+    base = base_parameters(rows, regressor.names, regressor.units)
     return RegressorCheck(
         states,
         errors,

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from smsid._threads import single_threaded
+from smsid._time_text import LARGE
 from smsid.description.schema import Description
 from smsid.errors import RecordingError, SimulationError, SmsidError
 from smsid.estimation.commands_between_samples import with_timing
@@ -130,7 +131,8 @@ def track_recordings(
     for number, (flight, recording) in enumerate(zip(flights, recordings, strict=True)):
         first, passed = float(flight.problem.data.times[0]), None
         if ended is not None:
-            if first + shift < ended:
+            other_clock = (abs(first) > LARGE) != (abs(ended - shift) > LARGE)
+            if first + shift < ended or other_clock:
                 shift = ended + gap - first
             passed = first + shift - ended
         flown.append((flight, recording, passed))

@@ -128,6 +128,8 @@ def test_regressors_of_the_bundled_craft_are_exact():
     assert {"torque, Pinocchio rnea", "momentum, Pinocchio centroidal"} <= found["errors"].keys()
     assert max(found["errors"].values()) < 1e-13
     assert len(found["base_parameters"]) == 68 and found["condition"] > 1.0
+    one = run("regressor", "paper_sms", "--states", "1")  # what a craft tells is no matter of one posture
+    assert one["states"] == 1 and one["base_parameters"] == found["base_parameters"]
 
 
 def test_a_root_link_called_world_is_no_ground(tmp_path):
