@@ -140,6 +140,17 @@ def test_parameters_stay_and_wander_between_recordings(description):
             np.testing.assert_allclose(both.sigmas[k], both.sigmas[k - 1], rtol=0.2)
 
 
+def test_a_clock_since_an_epoch_does_not_follow_one_from_zero(description):
+    """Parameters would have wandered for half a century."""
+    first, second = flight(8.0, name="first"), flight(3.0, seed=2, name="second")
+    own = {"follow": {"bus.I*": 0.01}, "options": COMMANDED, "warm_up": 0.0}
+    plain, _ = track_recordings(description, [first, second], **own)
+    for two in ([first, second.shifted(1.7e9)], [first.shifted(1.7e9), second]):
+        found, _ = track_recordings(description, two, **own)
+        np.testing.assert_allclose(found.sigmas, plain.sigmas, rtol=1e-3)
+        assert np.ptp(found.time) < 20.0
+
+
 def test_a_stream_in_any_order_gives_what_the_ordered_one_gives(description, samples):
     ordered, mixed = streaming(description), streaming(description, lateness=0.35)
     for sample in samples[:40]:
