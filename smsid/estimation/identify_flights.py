@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError
-from smsid.estimation._contradictions import Contradiction, contradictions
+from smsid.estimation._contradictions import Contradiction, confirmed, contradictions
 from smsid.estimation._exchange import distinct, likely_exchanges, with_exchanges
 from smsid.estimation._maximum import maximise
 from smsid.estimation._normal_equations import NormalEquations
@@ -170,7 +170,7 @@ def _identify(
             visited += more
     else:
         raise convergence_error(flights, fit_quality(found))
-    disagree = contradictions(found, rows[:own], quality.widening)
+    disagree = confirmed(contradictions(found, rows[:own], quality.widening), found, flights)
     scale, untold = scale_conflict(found, flights, quality.widening)
     conflicts = [c.sentence for c in (quality.conflict, scale) if c is not None]
     quality = replace(quality, conflict=quality.conflict or scale)

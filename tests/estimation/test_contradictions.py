@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,3 +124,49 @@ def test_a_difference_of_mass_asks_for_the_scale_of_what_drives_as_well():
     assert "'command.force'" in said and "'wheel_rate'" in said and "0.918" in said
     other = Contradiction("exp1", 1e-9, (("link3.mx", 50.0, 60.0, 9.0),)).sentence
     assert "scaled" not in other
+
+
+class Apart:
+    """Two recordings that tell three parameters as well, of optima that are apart, and what is seen of it."""
+
+    def __init__(self, apart: np.ndarray, bound: int = -1, seen: float = 1.0) -> None:
+        self.gram, self.optima, self.seen = 1e4 * np.eye(3), {"a": apart, "b": -apart}, seen
+        self.scales = np.ones(3)
+        self.unknowns = [
+            SimpleNamespace(sigma=1.0, lower=0.0 if i == bound else -np.inf, upper=np.inf) for i in range(3)
+        ]
+        self.point = SimpleNamespace(value=lambda u: 0.0)
+        self.recordings = [
+            SimpleNamespace(label=k, gram=self.gram, slope=self.gram @ x) for k, x in self.optima.items()
+        ]
+        self.rows = [Combination(f"p{i}", "1", 0.0, row, 0.0) for i, row in enumerate(np.eye(3))]
+
+    def objective(self, moved: object, _: object, flights: list[SimpleNamespace]) -> float:
+        x = np.zeros(3) if moved is self.point else np.asarray(moved)
+        off = [x - self.optima[f.label] for f in flights]
+        return self.seen * sum(0.5 * float(d @ self.gram @ d) for d in off)
+
+    def confirmed(self, monkeypatch) -> list[str]:
+        monkeypatch.setattr(module, "objective_of", self.objective)
+        monkeypatch.setattr(module, "retract", lambda point, unknowns, step: step)
+        flights: Any = [SimpleNamespace(label=k) for k in self.optima]
+        found: Any = self
+        claims = module.contradictions(found, self.rows)
+        return [c.recording for c in module.confirmed(claims, found, flights)]
+
+
+def test_what_the_likelihood_sees_of_a_difference_is_a_contradiction(monkeypatch):
+    assert set(Apart(np.array([0.05, 0.0, 0.0])).confirmed(monkeypatch)) == {"a", "b"}
+    assert Apart(np.array([0.005, 0.0, 0.0])).confirmed(monkeypatch) == []  # half a standard deviation
+
+
+def test_what_normal_equations_alone_promise_is_none(monkeypatch):
+    assert Apart(np.array([0.05, 0.0, 0.0]), seen=0.01).confirmed(monkeypatch) == []
+    assert Apart(np.array([0.05, 0.0, 0.0]), seen=-1.0).confirmed(monkeypatch) == []
+    # a small share of much is more than chance
+    assert set(Apart(np.array([5.0, 0.0, 0.0]), seen=0.01).confirmed(monkeypatch)) == {"a", "b"}
+
+
+def test_beyond_a_bound_nothing_contradicts(monkeypatch):
+    assert Apart(np.array([0.05, 0.0, 0.0]), bound=0).confirmed(monkeypatch) == []
+    assert set(Apart(np.array([0.05, 0.05, 0.0]), bound=0).confirmed(monkeypatch)) == {"a", "b"}

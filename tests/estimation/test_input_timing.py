@@ -53,8 +53,8 @@ def test_waves_vary(known, problem, recording):
 
 
 def test_slow_samples_of_what_varies_are_a_smooth_course(known, recording):
-    """At 100 Hz the paper's waves do not bend between samples; at 20 Hz they do, by more than parameters known
-    to 1e-4 bear, and at 5 Hz are followed so.
+    """At 100 Hz the paper's waves do not bend between samples; at 20 Hz they do, by more than what is known
+    to 1e-4 bears, and at 5 Hz are followed so.
     """
     at_20_hz = Recording.from_arrays(
         recording.time("imu.angular_rate")[::5],
