@@ -194,6 +194,8 @@ class ChangeDetector:
     def _tell(self, found: _Found) -> Change:
         """Let the filter go on with a change, and remember it."""
         self._take(found, len(self.changes))
+        if found.run.left <= UNEXPLAINED:
+            self.tracker.watch.go_back(found.start.watch)
         self._found, self._due = found, found.due(self._last)
         self.changes.append(self._with_size(found))
         return self.changes[-1]
@@ -204,7 +206,8 @@ class ChangeDetector:
         delta = np.zeros((len(f.covariance), m))
         delta[f.parameters] = np.eye(m)
         score, whole, information = np.zeros(m), np.zeros(m), np.zeros((m, m))
-        self._starts.append(JumpStart(self._number, time, delta, score, whole, information, f.snapshot()))
+        before, watch = f.snapshot(), self.tracker.watch.copied()
+        self._starts.append(JumpStart(self._number, time, delta, score, whole, information, before, watch))
         self._number += 1
         self._next = max(self._next + self.every, time)
 

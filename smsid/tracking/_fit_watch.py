@@ -43,6 +43,16 @@ class FitWatch:
             zip(self._names, zip(self._mean.tolist(), self._count.tolist(), strict=True), strict=True)
         )
 
+    def copied(self) -> FitWatch:
+        """Return the same, to be gone back to."""
+        return FitWatch(self.misfit, self.component, self.squares, self.apart, self.seconds)
+
+    def go_back(self, before: FitWatch) -> None:
+        """Forget what was heard since: a change explains it."""
+        self.misfit, self.component = before.misfit, before.component
+        self._names, self._places = list(before._names), {}
+        self._mean, self._count = before._mean.copy(), before._count.copy()
+
     def hear(self, update: Update) -> None:
         """Take in an update."""
         at = self._places.get(update.rows)

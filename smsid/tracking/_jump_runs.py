@@ -16,6 +16,7 @@ import numpy as np
 
 from smsid.errors import SmsidError
 from smsid.estimation.parameter_vector import Unknown
+from smsid.tracking._fit_watch import FitWatch
 from smsid.tracking._linearisation import can_exist
 from smsid.tracking._parameter_filter import ParameterFilter
 
@@ -32,7 +33,8 @@ class JumpStart:
     """A time a change may have begun: signature in the state (x, m), scores (m,), information (m, m).
 
     ``score`` is of clipped innovations, which raises alarms; ``whole`` of all there was, which says what it
-    was: of a large change, clipped ones keep little but the signs. ``before`` is the filter as it was then.
+    was: of a large change, clipped ones keep little but the signs. ``before`` is the filter as it was then,
+    ``watch`` how well it had followed.
     """
 
     number: int
@@ -42,6 +44,7 @@ class JumpStart:
     whole: np.ndarray
     information: np.ndarray
     before: ParameterFilter
+    watch: FitWatch
     looked: int = 0
 
 

@@ -15,16 +15,18 @@ import numpy as np
 from scipy.stats import chi2
 
 from smsid.errors import SmsidError
+from smsid.estimation.fit_quality import fit_quality
 from smsid.estimation.flight import Flight
 from smsid.estimation.flight_search import search_flights
 from smsid.estimation.loosening import thin_flight
-from smsid.estimation.parameter_vector import Point
+from smsid.estimation.parameter_vector import Point, Unknown
 from smsid.estimation.problem import CommandTiming
 from smsid.tracking._parameter_filter import ParameterFilter
 from smsid.tracking._tracker import Tracker
 from smsid.tracking.followed_parameters import Followed
 
 LOGGER = logging.getLogger(__name__)
+SHORTEST = 8.0  # [s] of a warm-up: less tells little
 CHANCE = 1e-4  # with which a filter that is right is found apart from the maximum
 
 
@@ -67,35 +69,64 @@ def linearise_by_search(
     point of linearisation changes: means and covariances stay what they are.
     """
     f = tracker.filter
-    begun = thin_flight(_first_seconds(flight, seconds, f.followed))  # where to be linear takes no more
-    unknowns = []
     sought = [i for i, x in enumerate(f.followed) if x.of < 0]
+    unknowns = []
     for i in sought:
         x, mean, sigma = f.followed[i], f.values[i], f.sigmas()[i]
         name = f"{flight.label}: {x.name}" if x.unknown.of_recording else x.name
         unknowns.append(replace(x.unknown, name=name, nominal=float(mean), sigma=float(sigma)))
     try:
-        found, taken, _ = search_flights(described, unknowns, [begun])
+        point, covariance, begun = _search_beginning(described, unknowns, flight, seconds, f.followed)
     except SmsidError as error:
         LOGGER.info("no warm-up: %s", error)
-        return (
-            (flight.problem.timing, flight.problem.substep),
-            [
-                f"the search over the first {seconds:.4g} s did not come to rest: models begin at the "
-                "description's values, and bands may be too narrow at first"
-            ],
-            None,
+        said = (
+            f"the search over the first {seconds:.4g} s did not come to rest: models begin at the "
+            "description's values, and bands may be too narrow at first"
         )
+        return (flight.problem.timing, flight.problem.substep), [said], None
     values, sigmas = f.values.copy(), f.sigmas()
-    values[sought] = [found.point.value(u) for u in unknowns]
-    covariance = np.linalg.inv(found.gram) * np.outer(found.scales, found.scales)
+    values[sought] = [point.value(u) for u in unknowns]
     sigmas[sought] = np.sqrt(np.diag(covariance))
     f.linearise_at(values, sigmas)
     times = begun.problem.data.times
     start = WarmStart(
         np.array(sought), values[sought], covariance, float(times[-1]), float(times[-1] - times[0])
     )
-    return (taken[0].problem.timing, taken[0].problem.substep), [], start
+    return (begun.problem.timing, begun.problem.substep), [], start
+
+
+def _search_beginning(
+    described: Point,
+    unknowns: Sequence[Unknown],
+    flight: Flight,
+    seconds: float,
+    followed: Sequence[Followed],
+) -> tuple[Point, np.ndarray, Flight]:
+    """Return the most likely parameters of the first seconds of a flight with their covariance (k, k), and
+    these as they were taken.
+
+    Where one value each does not explain them, something may have changed: of half as many, and so on; of
+    all of them where no beginning is explained. Raises `SmsidError` where the search does not come to rest.
+    """
+    seconds = min(seconds, float(np.ptp(flight.problem.data.times)))
+    first: tuple[Point, np.ndarray, Flight] | None = None
+    while True:
+        begun = thin_flight(_first_seconds(flight, seconds, followed))  # where to be linear takes no more
+        try:
+            found, taken, _ = search_flights(described, unknowns, [begun])
+        except SmsidError as error:
+            LOGGER.info("%s", error)
+            if first is None and 0.5 * seconds < SHORTEST:
+                raise
+        else:
+            covariance = np.linalg.inv(found.gram) * np.outer(found.scales, found.scales)
+            first = first or (found.point, covariance, taken[0])
+            if fit_quality(found).judgement != "not explained":
+                return found.point, covariance, taken[0]
+        seconds *= 0.5
+        if seconds < SHORTEST and first is not None:
+            return first
+        LOGGER.info("one value each does not explain it: a warm-up of %.3g s", seconds)
 
 
 def _squared_distance(away: np.ndarray, covariance: np.ndarray) -> float:

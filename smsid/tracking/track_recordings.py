@@ -16,6 +16,9 @@ from smsid.errors import RecordingError, SimulationError, SmsidError
 from smsid.estimation.commands_between_samples import with_timing
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.identify_flights import labels_of
+from smsid.estimation.input_timing import timing_of
+from smsid.estimation.joint_problem import at_point
+from smsid.estimation.loosening import MOST_SAMPLES
 from smsid.estimation.measurements import matrix
 from smsid.estimation.panels import modal_panels
 from smsid.estimation.parameter_vector import Point
@@ -128,6 +131,8 @@ def track_recordings(
             replace(f, problem=replace(f.problem, substep=min(step, f.problem.substep))) for f in flights
         ]
         notes += more
+    else:
+        flights = [_with_likely_timing(tracker, f) for f in flights]
     for number, (flight, recording) in enumerate(zip(flights, recordings, strict=True)):
         first, passed = float(flight.problem.data.times[0]), None
         if ended is not None:
@@ -183,6 +188,13 @@ def track_recordings(
         smoothed,
     )
     return history, tracker
+
+
+def _with_likely_timing(tracker: Tracker, flight: Flight) -> Flight:
+    """Return a flight whose commands act between samples as its first samples say of the tracker's models."""
+    point, problem = tracker.filter.at.point, flight.problem
+    some = replace(problem, data=problem.data.first(MOST_SAMPLES))
+    return with_timing(flight, timing_of(point, at_point(point, some)))
 
 
 def _held_against(
