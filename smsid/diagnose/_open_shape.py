@@ -143,13 +143,7 @@ def _further(point: Point, candidate: Candidate) -> list[Unknown]:
     effect = candidate.instance(point)
     known = {p.name: p for p in effect.parameters()}
     names = dict.fromkeys((*candidate.also, *(f"{effect.name}.{field}" for field in effect.open_shape)))
-    return [
-        Unknown(
-            n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper, may_vanish=p.may_vanish
-        )
-        for n in names
-        for p in (known[n],)
-    ]
+    return [Unknown.of_parameter(p, np.inf, 1e-2) for n in names for p in (known[n],)]
 
 
 def _fit_torque_noise(point: Point, unknowns: Sequence[Unknown], problem: Problem, dof: int) -> MapFit:

@@ -236,12 +236,13 @@ def _diagnose(
         else:
             named = every
         _, sentence = verdict(found, (*seen, *every), (*seen, *named), partial)
-    extended, told, reached = given.description, (), by_own_clock(found.nominal.point, problem)
+    refitted = by_own_clock(found.nominal.point, problem)
+    extended, told, reached = given.description, (), refitted
     if found.causes and (decided != "unexplained" or named):
         reached = extended_point(by, hints)
     if decided == "explained" or named:
         extended, told = with_inertial_shifts(reached, by.last)
-    gained, reason = _gain(given, found, reached, validation, rate, faults)
+    gained, reason = _gain((given, refitted, reached), found, validation, rate, faults)
     foreign = _foreign(found)
     if foreign:
         raise RecordingError(foreign, advice="Is it of another spacecraft?", recording=", ".join(labels))
@@ -382,9 +383,8 @@ def _timings(problem: Problem) -> list[tuple[str, CommandTiming]]:
 
 
 def _gain(
-    given: Point,
+    points: tuple[Point, Point, Point],
     found: Search,
-    extended: Point,
     recordings: Sequence[Recording],
     rate: float,
     faults: Sequence[Fault],
@@ -392,8 +392,8 @@ def _gain(
     if not recordings:
         return None, "no validation recording was given"
     try:
-        like, held = found.last.problem, order_columns(recordings[0], given.base)
-        return gain(given, by_own_clock(found.nominal.point, like), extended, held, like, rate, faults), ""
+        held = order_columns(recordings[0], points[0].base)
+        return gain(*points, held, found.last.problem, rate, faults), ""
     except (SmsidError, np.linalg.LinAlgError) as error:
         return None, f"not on '{recordings[0].name}': {getattr(error, 'message', error)}"
 

@@ -345,11 +345,7 @@ def unfitted_parameters(found: MapFit, candidate: Candidate) -> list[Unknown]:
     fitted = {u.name for u in found.unknowns}
     names = [n for n in candidate.also if n not in fitted]
     known = {p.name: p for p in candidate.instance(found.point).parameters()} if names else {}
-    return [
-        Unknown(n, "effect", p.unit, p.value, np.inf, 1e-2, lower=p.lower, upper=p.upper)
-        for n in names
-        for p in (known[n],)
-    ]
+    return [Unknown.of_parameter(p, np.inf, 1e-2) for n in names for p in (known[n],)]
 
 
 def _fit_further_parameters(found: MapFit, candidate: Candidate) -> MapFit:

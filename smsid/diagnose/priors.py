@@ -126,10 +126,30 @@ def nominal(description: Description, estimate: Estimate | None, further: Sequen
             scale = _size(effect, p)
             if scale == 0.0:
                 continue
-            add(p.name, "effect", p.unit, p.value, scale, p.sigma, lower=p.lower, upper=p.upper)
+            add(
+                p.name,
+                "effect",
+                p.unit,
+                p.value,
+                scale,
+                p.sigma,
+                lower=p.lower,
+                upper=p.upper,
+                may_vanish=p.may_vanish,
+            )
     for effect in point.description.effect:
         for p, sigma in () if effect.nominal else _known_within(effect, known):
-            add(p.name, "effect", p.unit, p.value, abs(p.value) or sigma, sigma, lower=p.lower, upper=p.upper)
+            add(
+                p.name,
+                "effect",
+                p.unit,
+                p.value,
+                abs(p.value) or sigma,
+                sigma,
+                lower=p.lower,
+                upper=p.upper,
+                may_vanish=p.may_vanish,
+            )
     if estimate is not None and known and not (sources["estimate"] or combinations):
         raise SmsidError(
             "The estimate has no parameter of this description.",

@@ -92,19 +92,7 @@ class Candidate:
         for name, step in zip(self.free, self.steps, strict=True):
             p = by_name_[name]
             sigma = np.inf if p.sigma is None else p.sigma
-            found.append(
-                Unknown(
-                    name,
-                    "effect",
-                    p.unit,
-                    p.value,
-                    sigma,
-                    step,
-                    lower=p.lower,
-                    upper=p.upper,
-                    may_vanish=p.may_vanish,
-                )
-            )
+            found.append(Unknown.of_parameter(p, sigma, step))
         return tuple(found)
 
     def columns(self, changes: Sensitivities, nominal: Sequence[Unknown]) -> list[Sensitivity]:

@@ -136,17 +136,7 @@ def _assumed_parameters(found: Search, candidate: Candidate) -> list[Unknown]:
         return []
     fitted = {u.name for u in found.last.unknowns}
     return [
-        Unknown(
-            p.name,
-            "effect",
-            p.unit,
-            p.value,
-            p.sigma,
-            p.sigma,
-            lower=p.lower,
-            upper=p.upper,
-            may_vanish=p.may_vanish,
-        )
+        Unknown.of_parameter(p, p.sigma, p.sigma)
         for p in candidate.instance(found.last.point).parameters()
         if p.name in candidate.also and p.name not in fitted and p.sigma is not None
     ]
@@ -348,6 +338,10 @@ def _plainly(cause: FoundCause, p: Value) -> str:
     return ""
 
 
+def _value_text(p: Value) -> str:
+    return about_text(p.value) if p.name.endswith(".time") else f"{p.value:.4g}"
+
+
 def describe(cause: FoundCause) -> str:
     """Return a cause in words, with its value and those it is not told from."""
     what = f"{cause.label} ({cause.effect}) at {cause.places}"
@@ -358,7 +352,7 @@ def describe(cause: FoundCause) -> str:
         p = max(told, key=lambda p: abs(p.value - (p.nominal or 0.0)) / max(p.sigma, 1e-300))
         shift = f" instead of {p.nominal:.4g}" if p.nominal is not None else ""
         what += (
-            f": {p.name.rpartition('.')[2]} = {p.value:.4g} {p.spread} {p.unit}{shift}{_plainly(cause, p)}"
+            f": {p.name.rpartition('.')[2]} = {_value_text(p)} {p.spread} {p.unit}{shift}{_plainly(cause, p)}"
         )
     if cause.onset is not None:
         sigma = cause.onset_sigma

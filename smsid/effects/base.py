@@ -49,7 +49,7 @@ def physical(
 
     It is a scalar, a 3-vector, or the 6 elements of a symmetric matrix (xx, xy, yy, xz, yz, zz); ``None`` as
     value takes it out of the parameters, and zero does where it is ``sparse``. One that ``may_vanish`` is
-    estimated down to zero: the others mean as much without it. A mass makes the effect what it is.
+    estimated down to zero, where the others keep their meaning; without a mass or a spring they have none.
     """
     extra: Any = {"unit": unit, "lower": lower, "upper": upper, "sparse": sparse, "may_vanish": may_vanish}
     return Field(json_schema_extra=extra, **kwargs)
@@ -367,6 +367,11 @@ class Effect(StrictTable):
         """Return frame and place (3,) [m] of propellant that it stands for, or ``None``."""
         return None
 
+    def later(self, shift: float) -> Effect:
+        """Return the effect on a clock that shows ``shift`` [s] more."""
+        start = getattr(self, "start", None)
+        return self if start is None else self.model_copy(update={"start": start + shift})
+
     def resolved(self, description: Description) -> Effect:
         """Return the effect with names that only the whole description explains put as numbers."""
         return self
@@ -388,6 +393,12 @@ class Starting(Effect):
     def onset(self) -> float | None:
         """The time at which it begins [s], if it does."""
         return self.start
+
+    def later(self, shift: float) -> Effect:
+        """Return the effect on a clock that shows ``shift`` [s] more; what grows does so from 0 s."""
+        if self.start is None and self.grows:
+            return self.model_copy(update={"start": shift})
+        return super().later(shift)
 
 
 E = TypeVar("E", bound=type[Effect])

@@ -25,6 +25,7 @@ NAMED_SIGMAS = 3.5  # standard deviations between two values that are named
 OF_FORCES = ("kg", "kg m", "kg m^2", "kg/m", "N/m", "N s/m")  # units of what forces are linear in
 MOST_NAMED = 5  # parameters at most
 KEPT_SHARE = 0.4  # of what is promised by normal equations that has to be there
+AT_BOUND = 1e-6  # of its scale, within which a parameter is at its bound
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step that are tried
 BY_CHANCE = 1e-6  # probability of a gain by all parameters together above which it is none
 TOLD_SHARE = 0.5  # of its standard deviation beforehand, what a recording leaves of a value that it tells
@@ -86,6 +87,8 @@ def contradictions(
     Parameters at a bound stay there: beyond it nothing is.
     """
     free = _within_bounds(found)
+    if not len(free):
+        return ()
     both = np.ix_(free, free)
     prior = np.diag((found.scales / np.array([u.sigma for u in found.unknowns])) ** 2)
     parts = [RecordingInformation(t.label, t.gram[both], t.slope[free]) for t in found.recordings]
@@ -94,13 +97,16 @@ def contradictions(
 
 
 def confirmed(
-    claims: Sequence[Contradiction], found: NormalEquations, flights: Sequence[Flight]
+    claims: Sequence[Contradiction],
+    found: NormalEquations,
+    flights: Sequence[Flight],
+    widening: float = 1.0,
 ) -> tuple[Contradiction, ...]:
     """Return the contradictions of which something is left where normal equations are not believed.
 
     Away from the joint optimum, where they say that a recording and the others would like to be, both have to
-    be likelier by much of what is promised, or by more than chance and all parameters could: what friction at
-    rest or a mass below zero promises is none.
+    be likelier by much of what is promised, or by more than chance (``widening`` times the stated noise) and
+    all parameters could: what friction at rest or a mass below zero promises is none.
     """
     free = _within_bounds(found)
     both, width = np.ix_(free, free), len(free)
@@ -118,17 +124,17 @@ def confirmed(
             step[free] = move
             gained += _largest_gain(found, side, step)
         LOGGER.info("'%s' against the others: %.4g promised, %.4g seen", claim.recording, promised, gained)
-        if gained > min(KEPT_SHARE * max(promised, 0.0), 0.5 * float(chdtri(width, BY_CHANCE))):
+        if gained > min(KEPT_SHARE * max(promised, 0.0), 0.5 * widening**2 * float(chdtri(width, BY_CHANCE))):
             out.append(claim)
     return tuple(out)
 
 
 def _within_bounds(found: NormalEquations) -> np.ndarray:
     """Return the unknowns (k,) that are not at a bound."""
-    values = [found.point.value(u) for u in found.unknowns]
-    return np.array(
-        [i for i, (u, x) in enumerate(zip(found.unknowns, values, strict=True)) if u.lower < x < u.upper]
-    )
+    values = np.array([found.point.value(u) for u in found.unknowns])
+    bounds = np.array([(u.lower, u.upper) for u in found.unknowns]).reshape(-1, 2)
+    near = AT_BOUND * found.scales
+    return np.flatnonzero((values > bounds[:, 0] + near) & (values < bounds[:, 1] - near))
 
 
 def _largest_gain(found: NormalEquations, flights: Sequence[Flight], step: np.ndarray) -> float:

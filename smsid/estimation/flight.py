@@ -105,9 +105,10 @@ def flight_of(
     """
     options = options or FlightOptions()
     model, sensors = point.base, point.description.effective_sensors()
+    recording = recording.shifted(shift)
     known = without_known_errors(recording, sensors)
     doubts = [f"doubtful: {said}" for said in known.check_consistency()]
-    recording = order_columns(recording, model).shifted(shift)
+    recording = order_columns(recording, model)
     data = measurements_of(model, recording, sensors, longest_step(model))
     if len(data.times) < FEWEST_SAMPLES:
         raise RecordingError(

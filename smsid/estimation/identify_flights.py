@@ -170,7 +170,8 @@ def _identify(
             visited += more
     else:
         raise convergence_error(flights, fit_quality(found))
-    disagree = confirmed(contradictions(found, rows[:own], quality.widening), found, flights)
+    disagree = contradictions(found, rows[:own], quality.widening)
+    disagree = confirmed(disagree, found, flights, quality.widening)
     scale, untold = scale_conflict(found, flights, quality.widening)
     conflicts = [c.sentence for c in (quality.conflict, scale) if c is not None]
     quality = replace(quality, conflict=quality.conflict or scale)

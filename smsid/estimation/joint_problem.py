@@ -13,7 +13,7 @@ import numpy as np
 
 from smsid.effects.base import Effect
 from smsid.errors import RecordingError
-from smsid.estimation.clock_shift import clock_shift, on_shifted_clock
+from smsid.estimation.clock_shift import YEARS, clock_shift, on_shifted_clock
 from smsid.estimation.filter_pass import AppliedForces
 from smsid.estimation.filter_run import FilterRun, run_of_each
 from smsid.estimation.input_timing import timing_of
@@ -40,15 +40,15 @@ def on_one_clock(recordings: Sequence[Recording], labels: Sequence[str]) -> list
     """Return recordings on one clock, each after the one before.
 
     Their own clock where they follow one another by it, as pieces of one flight do; else each begins a sample
-    after the end of the one before. Where they count from an epoch, the first begins near zero.
+    after the end of the one before. Where the first counts from an epoch, it begins near zero.
     """
     out: list[PlacedRecording] = []
-    end, shift = -np.inf, clock_shift(recordings)
+    end, shift = -np.inf, clock_shift(recordings[:1])
     for recording, label in zip(recordings, labels, strict=True):
         clocks = [np.asarray(recording.time(c), dtype=float) for c in recording.channels]
         first, last = min(c[0] for c in clocks), max(c[-1] for c in clocks)
         step = min(float(np.median(np.diff(c))) for c in clocks if len(c) > 1)
-        if first + shift <= end:
+        if first + shift <= end or (out and first + shift > end + YEARS):
             shift = end + step - first
         out.append(PlacedRecording(recording.shifted(shift) if shift else recording, label, float(shift)))
         end = last + shift
@@ -120,6 +120,8 @@ def on_own_clock(problem: Problem, time: float) -> tuple[float, str]:
 
 def by_own_clock(point: Point, problem: Problem) -> Point:
     """Return a point with effects beginning by its recording's own clock, of several by the first's."""
+    if not problem.shift:
+        return point
     return replace(point, description=on_shifted_clock(point.description, -problem.shift))
 
 

@@ -45,7 +45,7 @@ class Profile:
 
     ``name`` and ``index`` are the parameter's; ``changes`` (k, m) are those of all unknowns from the maximum,
     in scales, by rising values of it, and ``falls`` (k,) those of the log-posterior. ``open``: to which sides
-    (below, above) the likelihood does not fall off as far as it was followed, and no bound is.
+    (below, above) the likelihood does not fall off as far as it was followed, and there is no bound.
     """
 
     name: str
@@ -317,7 +317,8 @@ class _Follower:
             slope = side * (y1 - y0) / (x1 - x0) if x1 != x0 else 0.0
             most = 2.0 * abs(x0 - known[0][0]) + sigma
             wanted = x0 + side * (min((aim - y0) / slope, most) if slope > 0.0 else most)
-        return out, max(y for _, y in known) >= root or value in (unknown.lower, unknown.upper)
+        bound = unknown.lower if side < 0.0 else unknown.upper
+        return out, value == bound or max(y for _, y in known) >= root
 
     def at_best(self, i: int, near: Point, value: float) -> tuple[Point, float]:
         """Return the most likely point with unknown ``i`` near a value, and by how much less likely it is.

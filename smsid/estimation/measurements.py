@@ -20,6 +20,7 @@ from smsid.sensing import Sensor
 
 COMPONENTS = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}
 SAME_MOMENT = 0.02  # of a sample interval: readings no further apart are of one moment
+STAMP_SHARE = 1e-4  # of a step by which it may be longer: stamps are rounded
 MOST_STEPS = 10_000_000  # between samples in all: beyond, a clock has jumped
 OUTLIER_SIGMAS = 8.0  # standard deviations of its stated noise that an outlier is off by at least
 NOISE_FLOOR = 1e-9  # relative to the channel's spread: noise below it is rounding
@@ -263,7 +264,8 @@ def _fill_gaps(times: np.ndarray, longest: float) -> np.ndarray:
 
     Raises `RecordingError` where that would be too many: a clock jumped.
     """
-    parts = np.ceil(np.diff(times) / longest - 1e-9) if np.isfinite(longest) else np.ones(len(times) - 1)
+    steps = np.diff(times)
+    parts = np.ceil(steps / longest - STAMP_SHARE) if np.isfinite(longest) else np.ones(len(steps))
     if parts.max(initial=1.0) <= 1.0:
         return times
     if parts.sum() > MOST_STEPS:

@@ -18,6 +18,7 @@ from smsid.identify.momentum_rows import whole_bodies
 from smsid.model import build_model, rebuild
 from smsid.model.regressor import dynamic_parameters
 from smsid.model.spacecraft import SpacecraftModel
+from smsid.parameter import Parameter
 from smsid.sensing import Sensor
 from smsid.sensing.component import ComponentError
 
@@ -75,6 +76,12 @@ class Unknown:
     upper: float = np.inf
     polar: Polar | None = None
     may_vanish: bool = False
+
+    @classmethod
+    def of_parameter(cls, p: Parameter, sigma: float, scale: float) -> Unknown:
+        """Return a parameter of an effect as an unknown, with its bounds."""
+        bounds = p.lower, p.upper
+        return cls(p.name, "effect", p.unit, p.value, sigma, scale, -1, *bounds, may_vanish=p.may_vanish)
 
     @property
     def of_recording(self) -> bool:

@@ -216,6 +216,4 @@ def effect_unknown(p: Parameter) -> Unknown:
         sigma, scale = EFFECT * size, size
     else:
         sigma, scale = MOST * DEFAULT_STEP, DEFAULT_STEP
-    return Unknown(
-        p.name, "effect", p.unit, p.value, sigma, scale, lower=p.lower, upper=p.upper, may_vanish=p.may_vanish
-    )
+    return Unknown.of_parameter(p, sigma, scale)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from smsid._time_text import about_text
 from smsid.diagnose.validation import SETTLE, Gain, read_like
 from smsid.errors import SmsidError
 from smsid.estimation.kalman import run_filter
@@ -178,7 +179,7 @@ def error_table(found: OpenLoop, before: str, after: str) -> Table:
             gained = Cell(f"÷ {number(factor, 3)}", factor, "good" if factor > 1.2 else "neutral")
         rows.append(cells(channel, unit(own[0].unit), *((x, 3) for x in rms.values()), (noise, 3), gained))
     columns = ("channel", "unit", *(f"#{m}" for m in found.models), "#noise", "#gained")
-    note = f"Root mean square from {found.begin:g} s on. Gained: from '{before}' to '{after}'."
+    note = f"Root mean square from {about_text(found.begin)} s on. Gained: from '{before}' to '{after}'."
     return Table(f"Error of the simulation on '{found.recording}'", columns, rows, note)
 
 

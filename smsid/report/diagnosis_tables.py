@@ -157,4 +157,6 @@ def quantity(p: Value) -> str:
     if p.profile is not None:
         low, high = (number(x, 2) for x in p.profile)
         return f"{number(p.value, 3)} ({low} to {high}) {unit(p.unit)}".rstrip()
+    if p.name.endswith(".time"):
+        return f"{about_text(p.value)} ± {number(NORMAL95 * p.sigma, 2)} {unit(p.unit)}"
     return f"{with_half(p.value, NORMAL95 * p.sigma)} {unit(p.unit)}".rstrip()

@@ -119,6 +119,11 @@ class ErrorModel(BaseModel):
     stuck_from: Finite | None = None
     components: dict[str, ComponentError] = Field(default_factory=dict)
 
+    def later(self, shift: float) -> ErrorModel:
+        """Return the errors on a clock that shows ``shift`` [s] more."""
+        parts = {k: p.model_copy(update=_begun_later(p, shift)) for k, p in self.components.items()}
+        return self.model_copy(update={**_begun_later(self, shift), "components": parts})
+
     @model_validator(mode="after")
     def _consistent(self) -> ErrorModel:
         if self.noise_density is not None and self.noise_sigma is not None:
@@ -380,3 +385,9 @@ _PER_AXIS = (
     "scale_slope",
     "scale_sigma",
 )
+
+
+def _begun_later(errors: ErrorModel | ComponentError, shift: float) -> dict[str, float]:
+    """Return when a bias is there and a reading is stuck on a clock that shows ``shift`` [s] more."""
+    begun = {"bias_from": errors.bias_from, "stuck_from": errors.stuck_from}
+    return {name: time + shift for name, time in begun.items() if time is not None}

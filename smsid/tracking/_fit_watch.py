@@ -30,6 +30,7 @@ class FitWatch:
         seconds: float = 0.0,
     ) -> None:
         self.misfit, self.component, self.apart, self.seconds = misfit, component, apart, seconds
+        self.forgotten = 1.0  # largest misfit that a change has explained
         known = dict(squares or {})
         self._names = list(known)
         self._mean = np.array([mean for mean, _ in known.values()], dtype=float)
@@ -49,6 +50,7 @@ class FitWatch:
 
     def go_back(self, before: FitWatch) -> None:
         """Forget what was heard since: a change explains it."""
+        self.forgotten = max(self.forgotten, self.misfit)
         self.misfit, self.component = before.misfit, before.component
         self._names, self._places = list(before._names), {}
         self._mean, self._count = before._mean.copy(), before._count.copy()

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from smsid._statistics import NORMAL95
 from smsid.errors import SmsidError
 from smsid.estimation.fit_quality import fit_quality
 from smsid.estimation.flight import Flight
@@ -43,21 +44,27 @@ class WarmStart:
     seconds: float
 
     def disagreement(self, f: ParameterFilter) -> float:
-        """Return the root mean square of how far a filter is from there, in its own standard deviations; one
-        where chance would have it so, or less.
+        """Return how many times wider the bands of a filter have to be to reach there; one where chance would
+        have it so far away, or less.
+
+        As the root mean square of the difference in its own standard deviations, and so that those of every
+        single parameter (95 %) do.
 
         The difference of an estimate from a better one of the same data varies less than either; both are
         taken, and how far parameters may have wandered. Those with a trend are not asked.
         """
         trending = {x.of for x in f.followed if x.of >= 0}
         keep = np.array([i not in trending for i in self.index])
+        if not keep.any():
+            return 1.0
         index, covariance = self.index[keep], self.covariance[np.ix_(keep, keep)]
         away = f.values[index] - self.values[keep]
         own = f.parameter_covariance()[np.ix_(index, index)]
         wandered = np.diag([f.followed[i].rate ** 2 * self.seconds for i in index])
         if chi2.sf(_squared_distance(away, own + covariance + wandered), len(away)) > CHANCE:
             return 1.0
-        return max(1.0, float(np.sqrt(_squared_distance(away, own) / len(away))))
+        most = float(np.max(np.abs(away) / np.sqrt(np.diag(own)))) / NORMAL95
+        return max(1.0, most, float(np.sqrt(_squared_distance(away, own) / len(away))))
 
 
 def linearise_by_search(

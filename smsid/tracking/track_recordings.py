@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from smsid._threads import single_threaded
-from smsid._time_text import LARGE
 from smsid.description.schema import Description
 from smsid.errors import RecordingError, SimulationError, SmsidError
+from smsid.estimation.clock_shift import YEARS
 from smsid.estimation.commands_between_samples import with_timing
 from smsid.estimation.flight import Flight, FlightOptions, flight_of
 from smsid.estimation.identify_flights import labels_of
@@ -136,8 +136,7 @@ def track_recordings(
     for number, (flight, recording) in enumerate(zip(flights, recordings, strict=True)):
         first, passed = float(flight.problem.data.times[0]), None
         if ended is not None:
-            other_clock = (abs(first) > LARGE) != (abs(ended - shift) > LARGE)
-            if first + shift < ended or other_clock:
+            if not 0.0 <= first + shift - ended < YEARS:
                 shift = ended + gap - first
             passed = first + shift - ended
         flown.append((flight, recording, passed))
@@ -243,7 +242,8 @@ def _smooth_rows(
         found, course = along.smoothed()
         if course is None:
             break
-    model, widening, out = rows.model, rows.watch.widening, []
+    # values about a jump are smoothed by models that are linear on either side of it
+    model, widening, out = rows.model, max(rows.watch.widening, rows.watch.forgotten), []
     for row in found:
         nv, sigma = model.nv, np.sqrt(np.maximum(row.covariance.diagonal(), 0.0))
         own = widening * row.scales * sigma[len(sigma) - len(row.values) :]

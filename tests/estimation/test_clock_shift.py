@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import smsid
 from smsid.description import Description, load_description
 from smsid.diagnose import diagnose
-from smsid.effects import ActuatorDelay, ExternalWrench
+from smsid.effects import ActuatorDelay, ExternalWrench, MassLoss, StuckChannel
 from smsid.estimation.arm_motion import identify_arm_motion
 from smsid.estimation.clock_shift import clock_shift, on_shifted_clock
+from smsid.estimation.flight import flight_of
 from smsid.estimation.hidden_states import hidden_states
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.joint_problem import on_one_clock
+from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
+from smsid.sensing.error_model import ErrorModel
 from tests.hidden.catalogue import hidden_effects
 from tests.hidden.flight import write_run
 from tests.tracking.craft import craft, flight
@@ -39,6 +44,7 @@ def test_only_stamps_since_an_epoch_are_shifted():
     short = flight(3.0)
     assert clock_shift([short]) == 0.0
     assert clock_shift([short.shifted(1000.0)]) == 0.0
+    assert clock_shift([short.shifted(2e5)]) == 0.0  # a mission's clock
     assert clock_shift([short.shifted(EPOCH)]) == -1_700_000_000.0
     assert clock_shift([short.shifted(EPOCH), short.shifted(EPOCH - 50.0)]) == -1_699_999_950.0
     assert clock_shift([short, short.shifted(EPOCH)]) == 0.0
@@ -50,6 +56,47 @@ def test_recordings_that_follow_one_another_since_an_epoch_keep_their_distance()
     assert a.shift == b.shift == -1_700_000_000.0
     assert a.recording.time()[0] == 0.25
     assert b.recording.time()[0] == 100.25
+
+
+def test_a_recording_since_an_epoch_is_placed_after_one_from_zero():
+    own = [flight(3.0), flight(3.0, seed=2).shifted(EPOCH), flight(3.0, seed=3).shifted(2e5)]
+    for order in ((0, 1), (1, 0), (1, 2)):
+        a, b = on_one_clock([own[i] for i in order], ["a", "b"])
+        gap = b.recording.time()[0] - a.recording.time()[-1]
+        assert a.recording.time()[0] < 1.0 and gap == pytest.approx(0.1, abs=1e-6)
+    a, b = on_one_clock([own[0], own[2]], ["a", "b"])  # two days apart
+    assert (a.shift, b.shift) == (0.0, 0.0)
+
+
+def test_what_grows_and_errors_of_sensors_go_with_the_clock(tmp_path):
+    leak = MassLoss(name="leak", rate=1e-4, position=(0.5, 0.0, 0.0))  # since 0 s
+    described = craft(tmp_path).with_effects(leak)
+    errors = ErrorModel(
+        noise_sigma=1e-5, stuck_from=4.0, bias=1e-3, bias_from=2.0, components={"0": {"stuck_from": 3.0}}
+    )
+    sensor = described.sensor[1].model_copy(update={"errors": {"angular_rate": errors}})
+    described = described.model_copy(update={"sensor": (described.sensor[0], sensor)})
+    shifted = on_shifted_clock(described, -100.0)
+    assert shifted.get_effect("leak").start == -100.0
+    found = shifted.sensor[1].errors["angular_rate"]
+    assert (found.stuck_from, found.bias_from, found.components["0"].stuck_from) == (-96.0, -98.0, -97.0)
+    back = on_shifted_clock(shifted, 100.0)
+    assert back.get_effect("leak").start == 0.0
+    assert back.sensor[1].errors["angular_rate"] == errors
+
+
+def test_a_stuck_reading_is_left_out_from_its_time_on(tmp_path):
+    for shift in (0.0, EPOCH):
+        stuck = StuckChannel(name="stuck", sensor="gyro", quantity="angular_rate", start=4.0 + shift)
+        point = Point.of(craft(tmp_path).with_effects(stuck))
+        recording = flight(8.0).shifted(shift)
+        own = clock_shift([recording])
+        description = on_shifted_clock(point.description, own)
+        made = flight_of(replace(point, description=description), recording, "x", shift=own)
+        data = made.problem.data
+        (rows,) = [b.rows for b in data.blocks if b.channel == "gyro.angular_rate"]
+        assert np.isfinite(data.values[:, rows]).all(axis=1).sum() == 40
+        assert len(data.times) == 81  # rounded stamps are no longer steps
 
 
 def test_effects_begin_later_by_a_clock_that_shows_more(tmp_path):

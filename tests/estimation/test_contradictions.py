@@ -146,13 +146,13 @@ class Apart:
         off = [x - self.optima[f.label] for f in flights]
         return self.seen * sum(0.5 * float(d @ self.gram @ d) for d in off)
 
-    def confirmed(self, monkeypatch) -> list[str]:
+    def confirmed(self, monkeypatch, widening: float = 1.0) -> list[str]:
         monkeypatch.setattr(module, "objective_of", self.objective)
         monkeypatch.setattr(module, "retract", lambda point, unknowns, step: step)
         flights: Any = [SimpleNamespace(label=k) for k in self.optima]
         found: Any = self
         claims = module.contradictions(found, self.rows)
-        return [c.recording for c in module.confirmed(claims, found, flights)]
+        return [c.recording for c in module.confirmed(claims, found, flights, widening)]
 
 
 def test_what_the_likelihood_sees_of_a_difference_is_a_contradiction(monkeypatch):
@@ -164,7 +164,15 @@ def test_what_normal_equations_alone_promise_is_none(monkeypatch):
     assert Apart(np.array([0.05, 0.0, 0.0]), seen=0.01).confirmed(monkeypatch) == []
     assert Apart(np.array([0.05, 0.0, 0.0]), seen=-1.0).confirmed(monkeypatch) == []
     # a small share of much is more than chance
-    assert set(Apart(np.array([5.0, 0.0, 0.0]), seen=0.01).confirmed(monkeypatch)) == {"a", "b"}
+    much = Apart(np.array([5.0, 0.0, 0.0]), seen=0.01)
+    assert set(much.confirmed(monkeypatch)) == {"a", "b"}
+    assert much.confirmed(monkeypatch, widening=30.0) == []  # in noise as it is, it is chance
+
+
+def test_where_all_is_at_a_bound_nothing_contradicts(monkeypatch):
+    all_bound = Apart(np.array([0.05, 0.0, 0.0]), bound=0)
+    all_bound.unknowns = [SimpleNamespace(sigma=1.0, lower=0.0, upper=np.inf)] * 3
+    assert all_bound.confirmed(monkeypatch) == []
 
 
 def test_beyond_a_bound_nothing_contradicts(monkeypatch):

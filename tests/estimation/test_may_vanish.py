@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from smsid.diagnose.priors import nominal
 from smsid.effects import ActuatorDelay, JointFriction, SensorDelay
 from smsid.effects.base import catalogue
 from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.parameter_vector import Point
 from smsid.estimation.unknowns import effect_unknown, unknowns_of
+from tests.estimation.satellite import Satellite, guess
 from tests.tracking.craft import craft, flight
 
 SHAPE = ("stribeck", "stribeck_rate", "stribeck_exponent", "load", "position_cos", "position_sin")
@@ -76,3 +78,10 @@ def test_what_may_vanish_is_an_unknown_that_may():
     own = {p.name: p for p in ActuatorDelay(name="late", actuator="rw1", delay=0.02).parameters()}
     assert own["late.delay"].may_vanish
     assert effect_unknown(own["late.delay"]).may_vanish
+
+
+def test_a_diagnosis_takes_them_so_too(tmp_path):
+    tank = guess(tmp_path, Satellite(), panel=True)
+    found = {u.name: u for u in nominal(tank, None).unknowns}
+    assert found["tank.damping.x"].may_vanish and found["panel.mode1.damping"].may_vanish
+    assert not found["tank.mass"].may_vanish and not found["tank.stiffness.x"].may_vanish

@@ -151,6 +151,16 @@ def test_a_clock_since_an_epoch_does_not_follow_one_from_zero(description):
         assert np.ptp(found.time) < 20.0
 
 
+def test_a_missions_clock_goes_on_beyond_a_day(description):
+    """110 000 s come after 80 000 s, by half an hour and not by nothing."""
+    first, second = flight(8.0, name="first"), flight(3.0, seed=2, name="second")
+    own = {"follow": {"bus.I*": 0.01}, "options": COMMANDED, "warm_up": 0.0}
+    plain, _ = track_recordings(description, [first, second.shifted(3e4)], **own)
+    found, _ = track_recordings(description, [first.shifted(8e4), second.shifted(11e4)], **own)
+    np.testing.assert_allclose(found.sigmas, plain.sigmas, rtol=1e-3)
+    assert np.ptp(found.time) == pytest.approx(30003.0)
+
+
 def test_a_stream_in_any_order_gives_what_the_ordered_one_gives(description, samples):
     ordered, mixed = streaming(description), streaming(description, lateness=0.35)
     for sample in samples[:40]:
