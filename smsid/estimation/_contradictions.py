@@ -117,7 +117,8 @@ def confirmed(
         for own in (True, False):
             terms = [t for t in found.recordings if (t.label == claim.recording) == own]
             side = [f for f in flights if (f.label == claim.recording) == own]
-            gram, slope = sum(t.gram for t in terms)[both], sum(t.slope for t in terms)[free]
+            gram = np.sum([t.gram for t in terms], axis=0)[both]
+            slope = np.sum([t.slope for t in terms], axis=0)[free]
             move = _covariances(gram, prior)[0] @ slope
             promised += float(slope @ move - 0.5 * move @ gram @ move)
             step = np.zeros(len(found.unknowns))
