@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtrc
 
-from smsid.errors import NotIdentifiableError, SmsidError
-from smsid.estimation._normal_equations import NormalEquations, objective_of
-from smsid.estimation._retraction import retract
-from smsid.estimation.flight import Flight
+from smsid.errors import NotIdentifiableError
 
 if TYPE_CHECKING:
+    from smsid.estimation._normal_equations import NormalEquations
     from smsid.likelihood.combinations import Combination
 
-LOGGER = logging.getLogger(__name__)
 
 SIGNIFICANCE = 1e-4  # probability below which recordings contradict each other
 NAMED_SIGMAS = 3.5  # standard deviations between two values that are named
 OF_FORCES = ("kg", "kg m", "kg m^2", "kg/m", "N/m", "N s/m")  # units of what forces are linear in
 MOST_NAMED = 5  # parameters at most
-KEPT_SHARE = 0.4  # of what is promised by normal equations that has to be there
 AT_BOUND = 1e-6  # of its scale, within which a parameter is at its bound
-SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step that are tried
-BY_CHANCE = 1e-6  # probability of a gain by all parameters together above which it is none
 TOLD_SHARE = 0.5  # of its standard deviation beforehand, what a recording leaves of a value that it tells
 
 
@@ -86,7 +79,7 @@ def contradictions(
     ``rows`` are what a contradiction is put in terms of; standard deviations are ``widening`` times as large.
     Parameters at a bound stay there: beyond it nothing is.
     """
-    free = _within_bounds(found)
+    free = within_bounds(found)
     if not len(free):
         return ()
     both = np.ix_(free, free)
@@ -96,58 +89,12 @@ def contradictions(
     return contradictions_of(parts, prior[both], rows, widening)
 
 
-def confirmed(
-    claims: Sequence[Contradiction],
-    found: NormalEquations,
-    flights: Sequence[Flight],
-    widening: float = 1.0,
-) -> tuple[Contradiction, ...]:
-    """Return the contradictions of which something is left where normal equations are not believed.
-
-    Away from the joint optimum, where they say that a recording and the others would like to be, both have to
-    be likelier by much of what is promised, or by more than chance (``widening`` times the stated noise) and
-    all parameters could: what friction at rest or a mass below zero promises is none.
-    """
-    free = _within_bounds(found)
-    both, width = np.ix_(free, free), len(free)
-    prior = np.diag((found.scales / np.array([u.sigma for u in found.unknowns])) ** 2)[both]
-    out = []
-    for claim in claims:
-        promised = gained = 0.0
-        for own in (True, False):
-            terms = [t for t in found.recordings if (t.label == claim.recording) == own]
-            side = [f for f in flights if (f.label == claim.recording) == own]
-            gram = np.sum([t.gram for t in terms], axis=0)[both]
-            slope = np.sum([t.slope for t in terms], axis=0)[free]
-            move = _covariances(gram, prior)[0] @ slope
-            promised += float(slope @ move - 0.5 * move @ gram @ move)
-            step = np.zeros(len(found.unknowns))
-            step[free] = move
-            gained += _largest_gain(found, side, step)
-        LOGGER.info("'%s' against the others: %.4g promised, %.4g seen", claim.recording, promised, gained)
-        if gained > min(KEPT_SHARE * max(promised, 0.0), 0.5 * widening**2 * float(chdtri(width, BY_CHANCE))):
-            out.append(claim)
-    return tuple(out)
-
-
-def _within_bounds(found: NormalEquations) -> np.ndarray:
+def within_bounds(found: NormalEquations) -> np.ndarray:
     """Return the unknowns (k,) that are not at a bound."""
     values = np.array([found.point.value(u) for u in found.unknowns])
     bounds = np.array([(u.lower, u.upper) for u in found.unknowns]).reshape(-1, 2)
     near = AT_BOUND * found.scales
     return np.flatnonzero((values > bounds[:, 0] + near) & (values < bounds[:, 1] - near))
-
-
-def _largest_gain(found: NormalEquations, flights: Sequence[Flight], step: np.ndarray) -> float:
-    """Return by how much some flights are likelier along a step (m,), in scales, at best."""
-    here, best = objective_of(found.point, (), flights), 0.0
-    for share in SHARES:
-        try:
-            there = retract(found.point, found.unknowns, share * step * found.scales)
-            best = max(best, here - objective_of(there, (), flights))
-        except (SmsidError, np.linalg.LinAlgError):
-            continue
-    return best
 
 
 def contradictions_of(
@@ -171,7 +118,7 @@ def contradictions_of(
         rest = [x for x in parts if x is not part]
         grams = part.gram, np.sum([x.gram for x in rest], axis=0)
         slopes = part.slope, np.sum([x.slope for x in rest], axis=0)
-        sides = [_covariances(g, prior) for g in grams]
+        sides = [covariances_of(g, prior) for g in grams]
         covariances = [covariance for covariance, _ in sides]
         apart = covariances[0] @ slopes[0] - covariances[1] @ slopes[1]
         # what both have from the prior is no difference: of each only what its data say
@@ -232,7 +179,7 @@ def contradiction_error(found: Sequence[Contradiction]) -> NotIdentifiableError:
     )
 
 
-def _covariances(gram: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def covariances_of(gram: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return C = (G + P)^-1 and C G C (m, m), P diagonal.
 
     By the eigenvalues of G in standard deviations of the prior: products of the matrices themselves lose what

@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 from smsid._statistics import NORMAL95
 from smsid.description.schema import Description
 from smsid.errors import NotIdentifiableError
-from smsid.estimation._contradictions import Contradiction, confirmed, contradictions
+from smsid.estimation._confirmed import confirmed
+from smsid.estimation._contradictions import Contradiction, contradictions
 from smsid.estimation._exchange import distinct, likely_exchanges, with_exchanges
 from smsid.estimation._maximum import maximise
 from smsid.estimation._normal_equations import NormalEquations

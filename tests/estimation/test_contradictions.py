@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from smsid.estimation import _confirmed
 from smsid.estimation import _contradictions as module
 from smsid.estimation._contradictions import (
     Contradiction,
@@ -147,12 +148,12 @@ class Apart:
         return self.seen * sum(0.5 * float(d @ self.gram @ d) for d in off)
 
     def confirmed(self, monkeypatch, widening: float = 1.0) -> list[str]:
-        monkeypatch.setattr(module, "objective_of", self.objective)
-        monkeypatch.setattr(module, "retract", lambda point, unknowns, step: step)
+        monkeypatch.setattr(_confirmed, "objective_of", self.objective)
+        monkeypatch.setattr(_confirmed, "retract", lambda point, unknowns, step: step)
         flights: Any = [SimpleNamespace(label=k) for k in self.optima]
         found: Any = self
         claims = module.contradictions(found, self.rows)
-        return [c.recording for c in module.confirmed(claims, found, flights, widening)]
+        return [c.recording for c in _confirmed.confirmed(claims, found, flights, widening)]
 
 
 def test_what_the_likelihood_sees_of_a_difference_is_a_contradiction(monkeypatch):
