@@ -180,7 +180,7 @@ def contradiction_error(found: Sequence[Contradiction]) -> NotIdentifiableError:
 
 
 def covariances_of(gram: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return C = (G + P)^-1 and C G C (m, m), P diagonal.
+    """Return C = (G + P)^-1 and C G C (m, m) of ``gram`` G and a diagonal ``prior`` P (m, m).
 
     By the eigenvalues of G in standard deviations of the prior: products of the matrices themselves lose what
     is known a million times better than before beside what is hardly told.
