@@ -36,7 +36,8 @@ class Axis:
     ) -> Axis:
         """Return an axis over everything finite (above zero on a logarithmic one) in ``values``.
 
-        ``room``: share left free at either end; ``count``: about how many ticks; ``within``: farthest ends.
+        Where ticks would read the same, they count from a whole number that the label tells. ``room``: share
+        left free at either end; ``count``: about how many ticks; ``within``: farthest ends.
         """
         found = np.concatenate([np.ravel(np.asarray(v, dtype=float)) for v in values] or [np.zeros(0)])
         found = found[np.isfinite(found)]
@@ -53,7 +54,12 @@ class Axis:
         else:
             pad = room * (high - low) if high > low else max(0.5 * abs(high), 0.5)
             low, high = low - pad, high + pad
-        return cls(label, low, high, log, ticks_of(low, high, log, count))
+        ticks = ticks_of(low, high, log, count)
+        if not log and len({text for _, text in ticks}) < len(ticks):  # as stamps since an epoch
+            base = math.floor(low)
+            ticks = tuple((base + v, text) for v, text in ticks_of(low - base, high - base, count=count))
+            label = f"{label}, from {base} on"
+        return cls(label, low, high, log, ticks)
 
     def at(self, values: object) -> np.ndarray:
         """Return where values stand, of the same shape: 0 at the low end, 1 at the high one."""
