@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import metadata
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
@@ -13,6 +11,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from smsid._listing import did_you_mean
 from smsid.effects.assembly import Assembly
+from smsid.effects.fields import AXES, numbers_of, prefixes
+from smsid.effects.fields import physical as physical  # where effects of other packages import it
 from smsid.effects.joint_state import Counterpart, JointStateOf, TorqueColumns
 from smsid.effects.table import StrictTable
 from smsid.errors import DescriptionError
@@ -31,28 +31,6 @@ Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
 Vector6 = Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
 SigmaOf = Callable[[str], float]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
-
-AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "yy", "xz", "yz", "zz")}
-"""Names of the elements of a parameter, by how many it has."""
-
-
-def physical(
-    unit: str,
-    *,
-    lower: float = -math.inf,
-    upper: float = math.inf,
-    sparse: bool = False,
-    may_vanish: bool = False,
-    **kwargs: Any,
-) -> Any:
-    """Declare a field of an `Effect`, or of a table in it, as a physical parameter with unit and bounds.
-
-    It is a scalar, a 3-vector, or the 6 elements of a symmetric matrix (xx, xy, yy, xz, yz, zz); ``None`` as
-    value takes it out of the parameters, and zero does where it is ``sparse``. One that ``may_vanish`` is
-    estimated down to zero, where the others keep their meaning; without a mass or a spring they have none.
-    """
-    extra: Any = {"unit": unit, "lower": lower, "upper": upper, "sparse": sparse, "may_vanish": may_vanish}
-    return Field(json_schema_extra=extra, **kwargs)
 
 
 class Effect(StrictTable):
@@ -93,6 +71,7 @@ class Effect(StrictTable):
     # its parameters are the spacecraft's as designed: uncertain also where something else is looked for
     nominal: ClassVar[bool] = False
     may_begin: ClassVar[bool] = False  # whether it has a time from which it acts
+    grows: ClassVar[bool] = False  # whether it begins from nothing, in proportion to the time since
     # values by field from which a diagnosis fits a strong one, where nothing else follows a recording
     strong: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     # whether it changes what is measured of an arm, or commanded, and no torque of its joints
@@ -114,7 +93,7 @@ class Effect(StrictTable):
             if not p.lower <= p.value <= p.upper:
                 raise ValueError(f"{p.name} = {p.value} {p.unit} is outside [{p.lower}, {p.upper}]")
         own = [p.name.removeprefix(f"{self.name}.") for p in self.parameters()]
-        fields = {part for name in own for part in _prefixes(name)}
+        fields = {part for name in own for part in prefixes(name)}
         for table, given, allowed in (
             ("prior", set(self.prior), set(own)),
             ("known", set(self.known), {*own, *fields, "all"}),
@@ -157,7 +136,7 @@ class Effect(StrictTable):
                 sigma=self.prior.get(key),
                 may_vanish=bool(extra["may_vanish"]),
             )
-            for key, number, extra in _numbers(self)
+            for key, number, extra in numbers_of(self)
         )
 
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -181,7 +160,7 @@ class Effect(StrictTable):
         """Return why parameters are not estimated, by name."""
         found: dict[str, str] = {}
         for p in self.parameters():
-            own = _prefixes(p.name.removeprefix(f"{self.name}."))
+            own = prefixes(p.name.removeprefix(f"{self.name}."))
             if own & {*self.known} or "all" in self.known:
                 found[p.name] = "marked `known`"
             elif own & set(self.not_estimated):
@@ -378,13 +357,9 @@ class Effect(StrictTable):
 
 
 class Starting(Effect):
-    """An effect that may begin midway: nothing of it acts before ``start``.
-
-    ``grows`` is ``True`` for one that begins from nothing, in proportion to the time since.
-    """
+    """An effect that may begin midway: nothing of it acts before ``start``."""
 
     may_begin: ClassVar[bool] = True
-    grows: ClassVar[bool] = False
     start: float | None = Field(
         default=None, description="time from which it acts [s]; always when not given"
     )
@@ -473,34 +448,6 @@ def parse_effect(table: Mapping[str, Any] | Effect) -> Effect:
             advice=f"Known kinds: {', '.join(kinds)}.",
         )
     return cls.model_validate(dict(table))
-
-
-def _prefixes(key: str) -> set[str]:
-    """Return a parameter's name and those of what it is part of, as ``mode1.rotation`` is of its ``.y``."""
-    parts = key.split(".")
-    return {".".join(parts[: k + 1]) for k in range(len(parts))}
-
-
-@cache
-def _physical_fields(cls: type[StrictTable]) -> tuple[tuple[str, Mapping[str, Any] | None], ...]:
-    """Return the fields of a table that are physical, with their declarations, and others (``None``)."""
-    extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
-    return tuple((n, x if isinstance(x, dict) and "unit" in x else None) for n, x in extras.items())
-
-
-def _numbers(table: StrictTable) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
-    """Yield name, value and declaration of the physical parameters of a table and of those in it."""
-    for entry, extra in _physical_fields(type(table)):
-        value = getattr(table, entry)
-        if extra is not None and isinstance(value, tuple):
-            for axis, number in zip(AXES[len(value)], value, strict=True):
-                if number or not extra["sparse"]:
-                    yield f"{entry}.{axis}", float(number), extra
-        elif extra is not None and value is not None:
-            yield entry, float(value), extra
-        elif extra is None and isinstance(value, tuple) and value and isinstance(value[0], StrictTable):
-            for k, part in enumerate(value, start=1):
-                yield from ((f"{entry}{k}.{key}", number, own) for key, number, own in _numbers(part))
 
 
 class JointEffect(Effect):
