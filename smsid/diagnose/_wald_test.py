@@ -9,7 +9,7 @@ from scipy.fft import dct
 from scipy.stats import beta, chi2
 from scipy.stats import f as fisher
 
-from smsid._statistics import NORMAL95
+from smsid._statistics import NORMAL95, squared_length
 from smsid.diagnose.score_test import Candidate, Score
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.estimation.map_estimate import MapFit
@@ -31,19 +31,19 @@ def wald(found: MapFit, candidate: Candidate, *, held: bool = False, strength: b
     still = candidate.also if held else ()
     covariance = found.covariance(still, white=True)[index][:, index]
     if not found.problem.coloured:
-        return _squared_length(shift, covariance)
+        return squared_length(shift, covariance)
     # levels that were read with the cause in the errors bound the statistic, not its spread as it is now
     sigma = np.sqrt(np.diag(covariance))
     wider = np.linalg.norm(found.slow_errors(still)[index], axis=1) / np.where(sigma > 0.0, sigma, 1.0)
     wider, d = np.maximum(wider, 1e-9), int((sigma > 0.0).sum())
-    far = _squared_length(shift, covariance * np.outer(wider, wider))
+    far = squared_length(shift, covariance * np.outer(wider, wider))
     return float(chi2.isf(fisher.sf(far / d, d, THRESHOLDS.cosines), d)) if d else 0.0
 
 
 def distance(found: MapFit, candidate: Candidate) -> float:
     """Return how many standard deviations, in squares, a candidate's parameters are from doing nothing."""
     index, shift = _shift_from_nothing(found, candidate)
-    return _squared_length(shift, found.covariance()[index][:, index])
+    return squared_length(shift, found.covariance()[index][:, index])
 
 
 def chance_of_nothing(found: MapFit, candidate: Candidate, before: MapFit, *, held: bool = False) -> float:
@@ -117,13 +117,3 @@ def _shift_from_nothing(found: MapFit, candidate: Candidate) -> tuple[np.ndarray
     shift = np.array([found.point.value(found.unknowns[i]) - found.unknowns[i].nominal for i in index])
     still = (np.abs(shift) < STILL * np.array(candidate.steps))[strengths(candidate)].all()
     return index, np.zeros_like(shift) if still else shift
-
-
-def _squared_length(shift: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the squared length of a shift (d,) in units of a covariance (d, d), of what has a variance."""
-    told = np.diag(covariance) > 0.0
-    if not told.any():
-        return 0.0
-    covariance, shift = covariance[np.ix_(told, told)], shift[told]
-    sigma = np.sqrt(np.diag(covariance))  # units differ by more than pinv takes for nothing
-    return float((shift / sigma) @ np.linalg.pinv(covariance / np.outer(sigma, sigma)) @ (shift / sigma))

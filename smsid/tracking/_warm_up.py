@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from smsid._statistics import NORMAL95
+from smsid._statistics import NORMAL95, squared_length
 from smsid.errors import SmsidError
 from smsid.estimation.fit_quality import fit_quality
 from smsid.estimation.flight import Flight
@@ -61,10 +61,10 @@ class WarmStart:
         away = f.values[index] - self.values[keep]
         own = f.parameter_covariance()[np.ix_(index, index)]
         wandered = np.diag([f.followed[i].rate ** 2 * self.seconds for i in index])
-        if chi2.sf(_squared_distance(away, own + covariance + wandered), len(away)) > CHANCE:
+        if chi2.sf(squared_length(away, own + covariance + wandered), len(away)) > CHANCE:
             return 1.0
         most = float(np.max(np.abs(away) / np.sqrt(np.diag(own)))) / NORMAL95
-        return max(1.0, most, float(np.sqrt(_squared_distance(away, own) / len(away))))
+        return max(1.0, most, float(np.sqrt(squared_length(away, own) / len(away))))
 
 
 def linearise_by_search(
@@ -134,13 +134,6 @@ def _search_beginning(
         if seconds < SHORTEST and first is not None:
             return first
         LOGGER.info("one value each does not explain it: a warm-up of %.3g s", seconds)
-
-
-def _squared_distance(away: np.ndarray, covariance: np.ndarray) -> float:
-    """Return how far a difference (k,) is, squared, in standard deviations of a covariance (k, k)."""
-    size = np.sqrt(np.diag(covariance))
-    scaled = away / size
-    return float(scaled @ np.linalg.pinv(covariance / np.outer(size, size), hermitian=True) @ scaled)
 
 
 def _first_seconds(flight: Flight, seconds: float, followed: Sequence[Followed]) -> Flight:
