@@ -105,18 +105,18 @@ def with_inertial_shifts(point: Point, last: MapFit) -> tuple[Description, tuple
 
 def as_now(found: MapFit) -> Point:
     """Return where a fit stands by its recording's clock, of several by the last's: when effects begin."""
-    point, parts = found.point, found.problem.parts
+    point, parts = by_own_clock(found.point, found.problem), found.problem.parts
     if not parts:
-        return by_own_clock(point, found.problem)
-    begins = float(found.problem.data.times[parts[-1].first])
-
+        return point
+    first = found.problem.shift
+    begins, shift = float(found.problem.data.times[parts[-1].first]) - first, parts[-1].shift - first
     point = point.seen_in(parts[-1].label)
 
     def now(effect: Effect) -> Effect:
         start = getattr(effect, "start", None)
-        if start is None:
-            return effect
-        return effect.model_copy(update={"start": None if start <= begins else start - parts[-1].shift})
+        if start is not None and start <= begins and not effect.grows:
+            return effect.model_copy(update={"start": None})
+        return effect.later(-shift) if shift else effect
 
     effects = tuple(now(e) for e in point.description.effect)
     description = point.description.model_copy(update={"effect": effects})

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 import smsid
 from smsid.description import Description, load_description
 from smsid.diagnose import diagnose
+from smsid.diagnose._extended_description import as_now
 from smsid.effects import ActuatorDelay, ExternalWrench, MassLoss, StuckChannel
 from smsid.estimation.arm_motion import identify_arm_motion
 from smsid.estimation.clock_shift import clock_shift, on_shifted_clock
@@ -83,6 +86,24 @@ def test_what_grows_and_errors_of_sensors_go_with_the_clock(tmp_path):
     back = on_shifted_clock(shifted, 100.0)
     assert back.get_effect("leak").start == 0.0
     assert back.sensor[1].errors["angular_rate"] == errors
+
+
+@pytest.mark.parametrize("epoch", [0.0, 1_700_000_000.0])
+def test_a_fit_of_two_recordings_stands_in_the_second_by_its_own_clock(tmp_path, epoch):
+    """Recordings of 0 to 50 s each, one after the other: the second is 51 s later there than by its own."""
+    push = ExternalWrench(name="push", torque=(0.1, 0.0, 0.0), start=70.0)
+    early = ExternalWrench(name="early", force=(0.1, 0.0, 0.0), start=20.0)
+    leak = MassLoss(name="leak", rate=1e-4, position=(0.5, 0.0, 0.0))  # since the first began
+    point: Any = Point.of(craft(tmp_path).with_effects(push, early, leak))
+    parts = tuple(
+        SimpleNamespace(first=k, shift=s - epoch, label=n) for k, s, n in ((0, 0.0, "a"), (1, 51.0, "b"))
+    )
+    problem = SimpleNamespace(parts=parts, shift=-epoch, data=SimpleNamespace(times=np.array([0.0, 51.0])))
+    found: Any = SimpleNamespace(point=point, problem=problem)
+    effects = as_now(found).description
+    assert effects.get_effect("push").start == epoch + 19.0
+    assert effects.get_effect("early").start is None  # long ago
+    assert effects.get_effect("leak").start == epoch - 51.0  # what is gone by then is gone
 
 
 def test_a_stuck_reading_is_left_out_from_its_time_on(tmp_path):
