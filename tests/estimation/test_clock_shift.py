@@ -22,6 +22,7 @@ from smsid.estimation.identify_flights import identify_flights
 from smsid.estimation.joint_problem import on_one_clock
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
+from smsid.sensing.component import ComponentError
 from smsid.sensing.error_model import ErrorModel
 from tests.hidden.catalogue import hidden_effects
 from tests.hidden.flight import write_run
@@ -75,7 +76,11 @@ def test_what_grows_and_errors_of_sensors_go_with_the_clock(tmp_path):
     leak = MassLoss(name="leak", rate=1e-4, position=(0.5, 0.0, 0.0))  # since 0 s
     described = craft(tmp_path).with_effects(leak)
     errors = ErrorModel(
-        noise_sigma=1e-5, stuck_from=4.0, bias=1e-3, bias_from=2.0, components={"0": {"stuck_from": 3.0}}
+        noise_sigma=1e-5,
+        stuck_from=4.0,
+        bias=1e-3,
+        bias_from=2.0,
+        components={"0": ComponentError(stuck_from=3.0)},
     )
     sensor = described.sensor[1].model_copy(update={"errors": {"angular_rate": errors}})
     described = described.model_copy(update={"sensor": (described.sensor[0], sensor)})
