@@ -70,8 +70,8 @@ def likelier_start(nominal: MapFit, last: MapFit, *, left: bool) -> Problem | No
         return None
     begun = replace(problem, noise=nominal.problem.noise)
     try:
-        there = _fitted_about_rest(nominal, begun)
         cost = _with_causes(last.objective, nominal, last)
+        there = _fitted_about_rest(nominal, begun, at_most=cost)
         LOGGER.info("begun about rest: %.7g, from rest with causes %.7g", there.objective, cost)
         if there.objective < cost:
             return in_motion(there.point, begun)

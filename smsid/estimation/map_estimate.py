@@ -29,7 +29,7 @@ LOGGER = logging.getLogger(__name__)
 ENOUGH_GAIN = 0.1  # predicted gain of the log-posterior below which the last step is taken without looking
 NEARLY_AT_REST = 10.0  # predicted gain of the log-posterior, below which a fit is nearly at rest
 MOST_TRIES = 6  # steps that are tried from one point, each shorter than the last
-STALLED_SHARE = 0.02  # share of the predicted gain below which two steps in a row were the last
+STALLED_SHARE = 0.02  # share of the predicted gain below which two steps in a row were the last, as below enough
 REACH = 1.1  # share of the predicted gain within which a fit may still reach what it has to
 FIRST_REACH = 10.0  # the same of its first step, which may be of a motion that is none yet
 PATIENCE = 4  # steps after which it has to be there
@@ -296,9 +296,10 @@ def fit(
 ) -> MapFit:
     """Return the point that maximises likelihood times prior, from a start.
 
-    ``enough`` is the gain of the log-posterior below which a step is the last; a fit that does not come
-    to the objective ``at_most`` is given up early, and so is one that is ``in_vain`` where it is nearly at
-    rest, and where it goes from there. Raises `SimulationError` when the start itself cannot be filtered.
+    ``enough`` is the gain of the log-posterior below which a step is the last: one that is predicted, or two
+    in a row; a fit that does not come to the objective ``at_most`` is given up early, and so is one that is
+    ``in_vain`` where it is nearly at rest, and where it goes from there. Raises `SimulationError` when the
+    start itself cannot be filtered.
     """
     start = evaluate(point, unknowns, problem)
     return continue_fit(start, iterations=iterations, enough=enough, at_most=at_most, in_vain=in_vain)
@@ -337,7 +338,8 @@ def continue_fit(
         if better is None:
             break
         LOGGER.info("objective %.2f -> %.2f (predicted gain %.2f)", found.objective, better.objective, gain)
-        stalled = stalled + 1 if found.objective - better.objective < STALLED_SHARE * gain else 0
+        gained = found.objective - better.objective
+        stalled = stalled + 1 if gained < max(STALLED_SHARE * gain, enough) else 0
         found = better
         if stalled == 2:
             break
