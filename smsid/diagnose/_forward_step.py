@@ -113,7 +113,7 @@ class SearchState:
         before = {**vars(self), "causes": list(self.causes)}
         try:
             return bool(step())
-        except (SmsidError, np.linalg.LinAlgError) as error:
+        except (SmsidError, np.linalg.LinAlgError, ArithmeticError) as error:
             LOGGER.info("%s failed: %s", what, error, exc_info=True)
             vars(self).update(before)
             self._scoring.columns.clear()  # they may be those of the fit that is left again

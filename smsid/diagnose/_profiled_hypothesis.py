@@ -211,7 +211,10 @@ class LeakHypothesis(Candidate):
         place = place if moves and np.linalg.norm(place) < FAR else np.zeros(3)
         effect = self.effect.with_values(dict(zip(self.free[1:], place.tolist(), strict=True)))
         theta = point_parameters(1.0, place)
-        rate = float(theta @ slope) / float(theta @ gram @ theta)
+        alone = theta[:, None]
+        (rate,), _, ratio, told = least_squares(  # none, where nothing shows that mass goes
+            alone.T @ gram @ alone, alone.T @ slope, np.array([np.sum((columns @ theta) ** 2)])
+        )
         by = np.column_stack(
             [
                 theta,
@@ -226,9 +229,9 @@ class LeakHypothesis(Candidate):
         _, covariance, _, values = least_squares(by.T @ gram @ by, by.T @ slope, raw)
         means = tuple((n, 0.0) for n in self.free[1:])
         leak = recast(ResolvedHypothesis, self, {"effect": effect, "grid": 2, "means": means})
-        ratio = max(rate, 0.0) * float(theta @ slope)
+        ratio = ratio if rate > 0.0 else 0.0
         estimate = np.array([rate, 0.0, 0.0, 0.0])
-        freedom = 4 if place.any() else 1
+        freedom = int(((values if place.any() else told) > EXCITED).sum())
         excited = float(values.min(initial=1.0))
         shown = LeftColumns(found, columns, by)
         return Score(leak, ratio, freedom, estimate, covariance, excited, shown, own.taken @ by)

@@ -335,7 +335,7 @@ def score_candidates(
     for candidate, own in zip(candidates, beside, strict=True):
         try:
             scores.append((candidate.scored_coarsely if coarsely else candidate.scored)(found, own))
-        except (SmsidError, np.linalg.LinAlgError) as error:
+        except (SmsidError, np.linalg.LinAlgError, ArithmeticError) as error:
             LOGGER.info("%s cannot be scored: %s", candidate.key, error)
     return scores
 

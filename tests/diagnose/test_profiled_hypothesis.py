@@ -107,6 +107,22 @@ def test_place_of_a_leak():
     assert gains.ratio < 0.2 * found.ratio, "mass is lost, not won"
 
 
+@pytest.mark.parametrize("seen", [4, 10], ids=["turns alone", "nothing"])
+def test_a_leak_of_what_nothing_shows_is_nothing(seen):
+    """Attitude alone shows no mass that goes from where a body is held to be."""
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((ROWS, 10))
+    columns[:, :seen] = 0.0
+    for _ in range(5):
+        found = scored(leak(), stub(columns, np.zeros(10), rng, 1.0), columns)
+        assert np.isfinite(found.covariance).all()
+        if not np.any(found.candidate.effect.position):
+            assert (found.ratio, found.freedom, found.p_value) == (0.0, 0, 1.0)
+        else:
+            assert seen == 4
+            assert found.p_value > 1e-3
+
+
 def test_the_priors_of_a_place_keep_their_means_under_another_name():
     """A leak that begins beside a described one: what was found of its place is no prior's mean."""
     place = {f"position.{axis}": 1.0 for axis in "xyz"}
