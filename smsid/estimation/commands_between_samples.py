@@ -8,13 +8,13 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import softmax
 
 from smsid.errors import SmsidError
 from smsid.estimation._normal_equations import NormalEquations, log_likelihood_of, normal_equations
 from smsid.estimation._trust_region import bounded_step, predicted_gain
 from smsid.estimation.flight import Flight
-from smsid.estimation.input_hold import VARYING
+from smsid.estimation.input_hold import input_channels
 from smsid.estimation.input_timing import CLEAR_GAIN, HOPELESS_LOSS, PARTS, timings
 from smsid.estimation.loosening import MOST_SAMPLES
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -22,6 +22,7 @@ from smsid.estimation.problem import CommandTiming
 
 LOGGER = logging.getLogger(__name__)
 SHARE, FURTHEST = 1.0 / 3.0, 6  # of its walk that a torque is tried with next, and how often
+NEGLIGIBLE_SHARE = 1e-4  # probability of a way to act, below which it does not count
 NEGLIGIBLE_SHIFT = 0.1  # of a standard deviation, by which all parameters may differ without a note
 
 
@@ -35,20 +36,32 @@ def as_commands_act(point: Point, unknowns: Sequence[Unknown], flight: Flight, a
     choices = timings(flight.problem.recording)
     if len(choices) == 1:
         return flight
-    now, data = flight.problem.timing, flight.problem.data
-    some = replace(flight, problem=replace(flight.problem, data=data.first(-(-len(data.times) // PARTS))))
-    likely = _likelihoods(point, unknowns, some, choices, at_rest)
-    ahead = [t for t in likely if likely[t] > max(likely.values()) - HOPELESS_LOSS]
+    now = flight.problem.timing
+    likely = _over_first_samples(point, unknowns, flight, choices, at_rest)
+    ahead = _not_hopeless(likely)
     if len(ahead) != 1:
         likely = _likelihoods(point, unknowns, flight, ahead or choices, at_rest)
     best = max(likely, key=lambda t: likely[t], default=now)
-    # of two that vary, `undecided_covariance` says how far that is told; when jumps are is known, or not
-    either = at_rest and ({best.hold, now.hold} <= set(VARYING) or best.anywhere != now.anywhere)
+    # at rest `undecided_covariance` says how far it is told how they act, the sides of jumps apart
+    either = at_rest and _way(best) != _way(now)
     if likely.get(best, -np.inf) - likely.get(now, -np.inf) < (0.0 if either else CLEAR_GAIN):
         best = now
     told = ", ".join(f"{t.words} {t.side} {x:.1f}" for t, x in likely.items())
     LOGGER.info("commands of '%s' taken as %s, %s: %s", flight.label, best.words, best.side, told)
     return with_timing(flight, best)
+
+
+def _over_first_samples(
+    point: Point, unknowns: Sequence[Unknown], flight: Flight, choices: Sequence[CommandTiming], at_rest: bool
+) -> dict[CommandTiming, float]:
+    """Return the same as `_likelihoods` of the first of `PARTS` parts of a flight."""
+    data = flight.problem.data
+    some = replace(flight, problem=replace(flight.problem, data=data.first(-(-len(data.times) // PARTS))))
+    return _likelihoods(point, unknowns, some, choices, at_rest)
+
+
+def _not_hopeless(likely: dict[CommandTiming, float]) -> list[CommandTiming]:
+    return [t for t in likely if likely[t] > max(likely.values()) - HOPELESS_LOSS]
 
 
 def _likelihoods(
@@ -118,31 +131,62 @@ def notes_on_commands(flight: Flight) -> list[str]:
 
 
 def undecided_covariance(found: NormalEquations, flights: Sequence[Flight]) -> tuple[np.ndarray, list[str]]:
-    """Return what is added to the covariance (m, m), in scales, as straight lines may be curves, and notes.
+    """Return what is added to the covariance (m, m), in scales, as commands may act otherwise, and notes.
 
-    Two models of a recording that are as likely before it are, after it, as their likelihoods; what is known
-    of parameters is their mixture, here about the more likely one. Source: Hoeting et al., Statist. Sci. 14
+    Models of a recording that are as likely before it are, after it, as their likelihoods; what is known of
+    parameters is their mixture, here about the likeliest one. Source: Hoeting et al., Statist. Sci. 14
     (1999) 382, eq. (6).
     """
     more, notes = np.zeros_like(found.gram), []
     for k, flight in enumerate(flights):
-        now = flight.problem.timing
-        for timing in timings(flight.problem.recording):
-            if timing == now or not {timing.hold, now.hold} <= set(VARYING):
+        doubts = []
+        for timing, share in _probabilities(found, flights, k).items():
+            if share < NEGLIGIBLE_SHARE:
                 continue
-            others = [*flights[:k], with_timing(flight, timing), *flights[k + 1 :]]
-            try:
-                here = normal_equations(found.point, found.unknowns, others)
-            except SmsidError as error:
-                LOGGER.info("not %s: %s", timing.hold, error)
-                continue
+            here = normal_equations(found.point, found.unknowns, _otherwise(flights, k, timing))
             step = bounded_step(here)
-            share = float(expit(predicted_gain(here, step) + here.log_posterior - found.log_posterior))
             more += share * np.outer(step, step)
             if share * float(step @ found.gram @ step) > NEGLIGIBLE_SHIFT**2:
-                notes.append(
-                    f"{flight.label}: nothing tells whether commands bend between samples: taken as "
-                    f"{now.hold}, they are {timing.hold} with a probability of {100 * share:.2g} %, which "
-                    "intervals include. Record commands at a higher rate"
-                )
+                doubts.append(f"{timing.words} with a probability of {100 * share:.2g} %")
+        if doubts:
+            notes.append(
+                f"{flight.label}: nothing tells how commands go on between samples: taken as "
+                f"{flight.problem.timing.words}, they are {', '.join(doubts)}, which intervals include. Say "
+                'which by `inputs = "held"` or `"linear"` in [recording] of the mapping, or record commands '
+                "at a higher rate"
+            )
     return more, notes
+
+
+def _probabilities(found: NormalEquations, flights: Sequence[Flight], k: int) -> dict[CommandTiming, float]:
+    """Return how probable other ways are for the commands of flight number ``k`` to act, beside the one that
+    is taken, all being as likely before; of those that differ in the side of jumps alone, the likelier one.
+    """
+    point, unknowns, now = found.point, found.unknowns, flights[k].problem.timing
+    recording = flights[k].problem.recording
+    choices = timings(recording)
+    asked = choices[1:] and input_channels(flights[k].model, recording)
+    first = _over_first_samples(point, unknowns, flights[k], choices, True) if asked else {}
+    ways = [t for t in _not_hopeless(first) if _way(t) != _way(now)]
+    likely: dict[tuple[str, bool], tuple[float, CommandTiming]] = {}
+    for timing in [now, *ways] if ways else []:
+        try:
+            own = [_with_likely_walks(point, f) for f in _otherwise(flights, k, timing)]
+            here = normal_equations(point, unknowns, own)
+        except SmsidError as error:
+            LOGGER.info("not %s: %s", timing.words, error)
+            continue
+        reached = predicted_gain(here, bounded_step(here)) + here.log_posterior
+        if _way(timing) not in likely or reached > likely[_way(timing)][0]:
+            likely[_way(timing)] = reached, timing
+    shares = softmax([x for x, _ in likely.values()]) if likely else []
+    told = zip(shares, (t for _, t in likely.values()), strict=True)
+    return {t: float(share) for share, t in told if t is not now}
+
+
+def _way(timing: CommandTiming) -> tuple[str, bool]:
+    return timing.hold, timing.anywhere
+
+
+def _otherwise(flights: Sequence[Flight], k: int, timing: CommandTiming) -> list[Flight]:
+    return [*flights[:k], with_timing(flights[k], timing), *flights[k + 1 :]]

@@ -72,6 +72,8 @@ def import_recording(
         provenance["imported"]["mapping_file"] = mapping_path(mapping).name
     if rules.recording.note:
         provenance["note"] = rules.recording.note
+    if rules.recording.inputs:
+        provenance["inputs"] = rules.recording.inputs
     absent = [name for name in rules.channel if job.is_absent(name)]
     if absent:
         provenance["imported"]["absent"] = absent

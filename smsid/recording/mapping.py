@@ -26,11 +26,14 @@ class _Table(BaseModel):
 
 
 class RecordingTable(_Table):
-    """``[recording]``: name, role and a note for the provenance."""
+    """``[recording]``: name, role, a note for the provenance, and whether commands were held from sample to
+    sample or went on in straight lines, where that is known: else estimates have to tell by likelihood.
+    """
 
     name: str = ""
     role: Literal["estimation", "validation", "unspecified"] = "unspecified"
     note: str = ""
+    inputs: Literal["held", "linear"] | None = None
 
 
 class ClockTable(_Table):

@@ -1,4 +1,4 @@
-"""Slow commands may go straight or bend between samples: where nothing tells, intervals hold both."""
+"""Slow commands may be held, go straight or bend between samples: where nothing tells, intervals hold all."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_either_way_the_truth_is_inside(tmp_path, drive):
     for name in ("bus.Icxx", "bus.Icyy", "bus.Iczz"):
         p = found[name]
         assert p.interval[0] < truth[name] < p.interval[1], (name, p, truth[name])
-    told = [n for n in found.notes if "nothing tells whether commands bend" in n]
+    told = [n for n in found.notes if "nothing tells how commands go on" in n]
     assert len(told) <= 1
     if not told:  # then it is told, and intervals are those of the noise alone
         assert max(found[n].sigma / found[n].value for n in ("bus.Icxx", "bus.Icyy", "bus.Iczz")) < 2e-3
