@@ -14,6 +14,7 @@ Abrupt Changes (1993), section 7.2.4.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -49,7 +50,8 @@ class Change:
     ``alarm`` and ``began`` are times [s], ``began`` known to plus or minus ``grid`` [s]. ``names``,
     ``jumps`` and ``sigmas`` (k,) are in the parameters' units; ``log_p`` is the natural logarithm of the
     chance of as much without a change. ``others`` are further groups that would explain it, with how much
-    less likely: differences of the log-likelihood.
+    less likely: differences of the log-likelihood. ``between``: it began before the first sample after a
+    pause. ``explained``: whether the filter follows what is read since; else the size is not to be believed.
     """
 
     alarm: float
@@ -62,6 +64,8 @@ class Change:
     sigmas: np.ndarray
     log_p: float
     others: tuple[tuple[str, float], ...]
+    between: bool = False
+    explained: bool = True
 
     @property
     def sentence(self) -> str:
@@ -75,9 +79,11 @@ class Change:
             if abs(j) > 1.96 * s
         ]
         what = "; ".join(size[:3]) or "nothing single stands out"
-        return (
-            f"{self.group} changed at {time_text(self.began)}, give or take {self.grid:.4g} s: {what} (95 %)"
-        )
+        when = f"at {time_text(self.began)}, give or take {self.grid:.4g} s"
+        if self.between:
+            when = f"before {time_text(self.began)}, while nothing was read"
+        doubt = "" if self.explained else "; what is read since is not explained so: the size is doubtful"
+        return f"{self.group} changed {when}: {what} (95 %){doubt}"
 
 
 @dataclass(eq=False)
@@ -114,7 +120,7 @@ class ChangeDetector:
         self.tracker.rescue = self.rescue
         self._starts: list[JumpStart] = []
         self._last, self._number, self._next = -np.inf, 0, -np.inf
-        self._size = 1.0
+        self._size, self._between = 1.0, False
         self._alarm: float | None = None
         self._found: _Found | None = None
         self._runs = JumpRuns(self.every)
@@ -143,6 +149,7 @@ class ChangeDetector:
             self._starts, self._alarm, self._found = [], None, None
             self._runs.passes.clear()
             self._next = update.time + WARM
+            self._between = bool(np.isfinite(self._last))
         self._last = update.time
         f = self.tracker.filter
         ends = update.time >= f.time - CLOCK  # of a pass: the filter is where this update is
@@ -178,7 +185,7 @@ class ChangeDetector:
                 self._alarm = None  # what has passed was no change
             return None
         self._judge(update.time, scale)
-        if ends and self._alarm is None and update.time >= self._next:
+        if ends and self._alarm is None and (self._between or update.time >= self._next):
             self._begin(update.time)
         return None
 
@@ -207,9 +214,14 @@ class ChangeDetector:
         delta[f.parameters] = np.eye(m)
         score, whole, information = np.zeros(m), np.zeros(m), np.zeros((m, m))
         before, watch = f.snapshot(), self.tracker.watch.copied()
-        self._starts.append(JumpStart(self._number, time, delta, score, whole, information, before, watch))
-        self._number += 1
-        self._next = max(self._next + self.every, time)
+        start = JumpStart(self._number, time, delta, score, whole, information, before, watch)
+        if self._between:  # what changed while nobody looked did so before all that is read since
+            self._between, start.between, start.number = False, True, 0
+            start.looked = math.ceil(math.log2(WARM / self.every))
+        else:
+            self._number += 1
+            self._next = max(self._next + self.every, time)
+        self._starts.append(start)
 
     def _judge(self, now: float, scale: float) -> None:
         """Look at the starts whose age is due; remember an alarm, drop starts that are looked at no more."""
@@ -320,7 +332,15 @@ class ChangeDetector:
         f, before, index = self.tracker.filter, found.start.before, found.index
         sigmas = np.hypot(f.sigmas()[index], before.sigmas()[index])
         jumps, run = f.values[index] - before.values[index], found.run
-        return replace(found.change, began=run.onset, grid=run.grid, jumps=jumps, sigmas=sigmas)
+        return replace(
+            found.change,
+            began=run.onset,
+            grid=run.grid,
+            jumps=jumps,
+            sigmas=sigmas,
+            between=found.start.between and run.onset <= found.start.time + CLOCK,
+            explained=run.left <= UNEXPLAINED,
+        )
 
     def _take(self, found: _Found, number: int) -> None:
         """Let the tracker's filter go on from a run; what that leaves unexplained may be in any of it."""

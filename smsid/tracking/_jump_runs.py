@@ -34,7 +34,7 @@ class JumpStart:
 
     ``score`` is of clipped innovations, which raises alarms; ``whole`` of all there was, which says what it
     was: of a large change, clipped ones keep little but the signs. ``before`` is the filter as it was then,
-    ``watch`` how well it had followed.
+    ``watch`` how well it had followed. ``between``: it is where readings begin again after a pause.
     """
 
     number: int
@@ -46,6 +46,7 @@ class JumpStart:
     before: ParameterFilter
     watch: FitWatch
     looked: int = 0
+    between: bool = False
 
 
 @dataclass(eq=False)

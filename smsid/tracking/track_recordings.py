@@ -146,7 +146,8 @@ def track_recordings(
         _fly(tracker, flight, recording, rows, number, shift, listeners)
         if detector is not None:
             found = detector.changes[known:]
-            changes += [Event(c.alarm + shift, "change", c.group, c.sentence) for c in found]
+            where = f"{flight.label}: " if len(flights) > 1 else ""
+            changes += [Event(c.alarm + shift, "change", c.group, where + c.sentence) for c in found]
         ended = tracker.time + shift
         notes += [f"{flight.label}: {n}" for n in flight.notes]
     notes[:0] = [watch.sentence] if watch.sentence else []

@@ -94,7 +94,7 @@ errors.wheel_rate = { noise_sigma = 0.1 }
 
 
 def test_what_a_satellite_cannot_show_ends_nothing(tmp_path):
-    """Attitude, gyro and wheels about a centre of mass at the origin: no mass that goes from there is seen."""
+    """Attitude, gyro and wheels about a centre of mass at the origin: a leak there is not seen."""
     (tmp_path / "cube.urdf").write_text(
         '<robot name="cube"><link name="bus"><inertial><mass value="20"/>'
         '<inertia ixx="0.35" iyy="0.42" izz="0.29" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'

@@ -7,10 +7,14 @@ import pytest
 
 from smsid.description.schema import Description
 from smsid.effects import JointFriction
+from smsid.estimation.flight import flight_of
+from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
 from smsid.sensing import Sensor
 from smsid.sensing.error_model import ErrorModel
-from smsid.tracking import track_recordings
+from smsid.tracking import Tracker, track_recordings
+from smsid.tracking._setting import Setting
+from smsid.tracking._warm_up import linearise_by_search
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -34,14 +38,14 @@ SHAPE = ("coulomb", "stribeck", "stribeck_rate", "stribeck_exponent", "load", "p
 TAKEN = 12.0  # [s]
 
 
-def flown(seconds: float, mass: float, rng: np.random.Generator) -> Recording:
-    """Angles, rates and held torques at 50 Hz; a point mass is taken up at `TAKEN`."""
+def flown(seconds: float, mass: float, rng: np.random.Generator, taken: float = TAKEN) -> Recording:
+    """Angles, rates and held torques at 50 Hz; a point mass is ``taken`` up [s]."""
     model = mujoco.MjModel.from_xml_string(WORLD)
     state, rows = mujoco.MjData(model), []
     state.qpos[:], state.qvel[:] = [-0.4, 0.7], [0.5, -0.3]
     times = np.arange(round(50 * seconds) + 1) / 50
     for t in times:
-        if t >= TAKEN - 1e-9 and mass:
+        if t >= taken - 1e-9 and mass:
             model.body_mass[3] = mass
             mujoco.mj_setConst(model, mujoco.MjData(model))
         q, v = state.qpos, state.qvel
@@ -94,6 +98,39 @@ def test_what_is_taken_up_is_named_at_its_time_with_its_size(arm):
         assert abs(history.values[-1, k] - truth) < 4.0 * history.sigmas[-1, k]
         assert history.sigmas[-1, k] < 1e-4
     assert tracker.watch.sentence == ""
+
+
+def test_what_is_taken_up_between_recordings_is_there_from_the_second_ones_first_sample(arm):
+    rng = np.random.default_rng(3)
+    recordings = [flown(20.0, 0.0, rng), flown(20.0, 0.5, rng, taken=0.0)]
+    history, tracker = track_recordings(arm, recordings, gap=100.0, false_alarms=0.1)
+    (change,) = [e for e in history.events if e.kind == "change"]
+    assert change.text.startswith("grasp#2: fore changed before 0 s, while nothing was read: ")
+    assert "fore.mx by +0.15 +-" in change.text
+    assert "fore.Iyy by +0.045 +-" in change.text
+    assert "doubtful" not in change.text
+    for name, truth in (("fore.mx", 0.45), ("fore.Iyy", 0.03 + 2.0 * 0.0225 + 0.5 * 0.09)):
+        k = history.names.index(name)
+        assert abs(history.values[-1, k] - truth) < 4.0 * history.sigmas[-1, k]
+    assert tracker.watch.sentence == ""
+
+
+def test_a_warm_up_is_no_longer_than_one_value_each_explains(arm):
+    recording = flown(20.0, 0.003, np.random.default_rng(1))  # so little that a search over it all ends
+    point = Point.of(arm)
+    flight = flight_of(point, recording, "grasp")
+    tracker = Tracker(arm, setting=Setting.of_flight(flight))
+    _, _, start = linearise_by_search(tracker, point, flight, 20.0)
+    assert start is not None
+    assert start.until <= TAKEN
+    k = tracker.names.index("fore.mx")
+    assert abs(start.values[list(start.index).index(k)] - 0.3) < 1e-5  # 9e-4 more from `TAKEN` on
+
+
+def test_nothing_is_said_of_a_pause_in_which_nothing_changed(arm):
+    rng = np.random.default_rng(4)
+    history, _ = track_recordings(arm, [flown(20.0, 0.0, rng) for _ in range(2)], gap=9.0, false_alarms=0.1)
+    assert [e for e in history.events if e.kind == "change"] == []
 
 
 def test_how_commands_act_is_told_by_the_models_of_an_estimate(arm):
