@@ -11,7 +11,13 @@ import numpy as np
 from scipy.special import softmax
 
 from smsid.errors import SmsidError
-from smsid.estimation._normal_equations import NormalEquations, log_likelihood_of, normal_equations
+from smsid.estimation._maximum import maximise
+from smsid.estimation._normal_equations import (
+    NormalEquations,
+    log_likelihood_of,
+    normal_equations,
+    objective_of,
+)
 from smsid.estimation._trust_region import bounded_step, predicted_gain
 from smsid.estimation.flight import Flight
 from smsid.estimation.input_hold import input_channels
@@ -22,6 +28,7 @@ from smsid.estimation.problem import CommandTiming
 
 LOGGER = logging.getLogger(__name__)
 SHARE, FURTHEST = 1.0 / 3.0, 6  # of its walk that a torque is tried with next, and how often
+STEPS = 4  # of a search for the parameters that go with another way
 NEGLIGIBLE_SHARE = 1e-4  # probability of a way to act, below which it does not count
 NEGLIGIBLE_SHIFT = 0.1  # of a standard deviation, by which all parameters may differ without a note
 
@@ -140,11 +147,7 @@ def undecided_covariance(found: NormalEquations, flights: Sequence[Flight]) -> t
     more, notes = np.zeros_like(found.gram), []
     for k, flight in enumerate(flights):
         doubts = []
-        for timing, share in _probabilities(found, flights, k).items():
-            if share < NEGLIGIBLE_SHARE:
-                continue
-            here = normal_equations(found.point, found.unknowns, _otherwise(flights, k, timing))
-            step = bounded_step(here)
+        for timing, share, step in _other_ways(found, flights, k):
             more += share * np.outer(step, step)
             if share * float(step @ found.gram @ step) > NEGLIGIBLE_SHIFT**2:
                 doubts.append(f"{timing.words} with a probability of {100 * share:.2g} %")
@@ -158,9 +161,12 @@ def undecided_covariance(found: NormalEquations, flights: Sequence[Flight]) -> t
     return more, notes
 
 
-def _probabilities(found: NormalEquations, flights: Sequence[Flight], k: int) -> dict[CommandTiming, float]:
-    """Return how probable other ways are for the commands of flight number ``k`` to act, beside the one that
-    is taken, all being as likely before; of those that differ in the side of jumps alone, the likelier one.
+def _other_ways(
+    found: NormalEquations, flights: Sequence[Flight], k: int
+) -> list[tuple[CommandTiming, float, np.ndarray]]:
+    """Return the other ways in which the commands of flight number ``k`` may act, all being as likely before:
+    how probable each is, and by how much (m,), in scales, it moves the parameters. Of those that differ in
+    the side of jumps alone, the likelier one; those that are out by one step of the parameters are left out.
     """
     point, unknowns, now = found.point, found.unknowns, flights[k].problem.timing
     recording = flights[k].problem.recording
@@ -168,20 +174,32 @@ def _probabilities(found: NormalEquations, flights: Sequence[Flight], k: int) ->
     asked = choices[1:] and input_channels(flights[k].model, recording)
     first = _over_first_samples(point, unknowns, flights[k], choices, True) if asked else {}
     ways = [t for t in _not_hopeless(first) if _way(t) != _way(now)]
-    likely: dict[tuple[str, bool], tuple[float, CommandTiming]] = {}
-    for timing in [now, *ways] if ways else []:
+    if not ways:
+        return []
+
+    def own_walks(timing: CommandTiming) -> list[Flight]:
+        return [_with_likely_walks(point, f) for f in _otherwise(flights, k, timing)]
+
+    taken = -objective_of(point, unknowns, own_walks(now))
+    likely: dict[tuple[str, bool], tuple[float, CommandTiming, np.ndarray]] = {}
+    for timing in ways:
         try:
-            own = [_with_likely_walks(point, f) for f in _otherwise(flights, k, timing)]
-            here = normal_equations(point, unknowns, own)
+            own = own_walks(timing)
+            near = normal_equations(point, unknowns, own)
+            if predicted_gain(near, bounded_step(near)) + near.log_posterior < taken - HOPELESS_LOSS:
+                continue
+            there = maximise(point, unknowns, _otherwise(flights, k, timing), iterations=STEPS)[0].point
+            reached = -objective_of(there, unknowns, own)
         except SmsidError as error:
             LOGGER.info("not %s: %s", timing.words, error)
             continue
-        reached = predicted_gain(here, bounded_step(here)) + here.log_posterior
+        step = np.array([there.value(u) - point.value(u) for u in unknowns]) / found.scales
+        LOGGER.info("%s: %.1f, taken as %s: %.1f", timing.words, reached, now.words, taken)
         if _way(timing) not in likely or reached > likely[_way(timing)][0]:
-            likely[_way(timing)] = reached, timing
-    shares = softmax([x for x, _ in likely.values()]) if likely else []
-    told = zip(shares, (t for _, t in likely.values()), strict=True)
-    return {t: float(share) for share, t in told if t is not now}
+            likely[_way(timing)] = reached, timing, step
+    shares = softmax([taken, *(x for x, _, _ in likely.values())])[1:]
+    told = zip(likely.values(), shares, strict=True)
+    return [(t, float(share), step) for (_, t, step), share in told if share > NEGLIGIBLE_SHARE]
 
 
 def _way(timing: CommandTiming) -> tuple[str, bool]:
