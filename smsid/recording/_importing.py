@@ -16,6 +16,7 @@ from smsid._files import sha256
 from smsid._listing import did_you_mean
 from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
+from smsid.recording._name_order import order_doubts
 from smsid.recording._units import convert
 from smsid.recording.attitude import conjugate, rotate, slerp
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity
@@ -129,6 +130,8 @@ class _Import:
                 faults.append(error)
         if faults:
             raise _combined_error(faults)
+        for doubt in order_doubts(present):
+            logger.warning("%s: %s", self.file, doubt)
         for name, values in channels.items():
             source = name.partition(".")[0]
             kept = self._sampled_rows(source, present)
