@@ -16,6 +16,7 @@ from smsid.model.column_order import order_columns
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.model.stations import find_appendage, station_indices
 from smsid.recording import Recording
+from smsid.recording.attitude import continuous
 from smsid.sensing import Sensor
 
 COMPONENTS = {"position": 3, "attitude": 3, "velocity": 3, "acceleration": 3, "angular_rate": 3}
@@ -215,6 +216,7 @@ def measurements_of(
         samples = np.array(recording[channel], dtype=float)
         stations = samples.shape[1] if samples.ndim == 3 else 1
         samples[sensor.error(quantity).meaningless(clock, samples)] = np.nan
+        samples = continuous(samples) if quantity == "attitude" else samples
         flat = samples.reshape(len(clock), -1)
         placed = _place_on_clock(times, clock, flat)
         if quantity == "attitude":

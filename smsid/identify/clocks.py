@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
 from smsid.recording import Recording
+from smsid.recording.attitude import continuous
 from smsid.sensing import Sensor, uniform_rate, zero_phase
 
 
@@ -37,8 +38,7 @@ def sample_channel(
     channel = f"{sensor.name}.{quantity}"
     values, own = recording[channel], event_times(recording, sensor, quantity)
     if quantity == "attitude":
-        flips = np.where(np.sum(values[1:] * values[:-1], axis=1) < 0, -1.0, 1.0)
-        values = values * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+        values = continuous(values)
     rate = rate_of(recording, sensor, quantity)
     if cutoff is not None and cutoff < 0.5 * rate and values.size:
         values = zero_phase(values, rate, cutoff)

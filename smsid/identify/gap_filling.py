@@ -20,6 +20,7 @@ from smsid.identify.robust import white_sigma
 from smsid.identify.sensor_correction import on_event_clocks
 from smsid.identify.valid_samples import enough_usable, isolated_outliers, largest_neighbour, spikes
 from smsid.recording import Recording
+from smsid.recording.attitude import continuous
 from smsid.sensing import Sensor
 
 LONGEST = 0.1  # [s] of a bridge that a low-pass of a few hertz does not notice
@@ -202,9 +203,7 @@ def _full(
     full[place] = values
     if quantity == "attitude" and good.any():
         kept = np.flatnonzero(good)
-        rows = values[kept]
-        signs = np.where(np.sum(rows[1:] * rows[:-1], axis=1) < 0.0, -1.0, 1.0)
-        full[place[kept]] = rows * np.concatenate([[1.0], np.cumprod(signs)])[:, None]
+        full[place[kept]] = continuous(values[kept])
     bad = np.ones(len(clock), dtype=bool)
     bad[place[good]] = False
     if bad.all() or len(clock) < 2 * NEIGHBOURS:

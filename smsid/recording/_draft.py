@@ -16,8 +16,16 @@ import numpy as np
 from smsid.errors import RecordingError
 from smsid.recording import channel_checks
 from smsid.recording._columns import Columns
-from smsid.recording._guess import COMMANDED, Group, joined_by_quantity, joint_labels, rises_evenly
+from smsid.recording._guess import (
+    COMMANDED,
+    Group,
+    are_counted,
+    joined_by_quantity,
+    joint_labels,
+    rises_evenly,
+)
 from smsid.recording._importing import columns_to_recording
+from smsid.recording._name_order import name_tokens
 from smsid.recording.channels import EXTRA, QUANTITIES, Quantity
 from smsid.recording.mapping import parse_mapping
 from smsid.recording.recording import Recording
@@ -128,7 +136,12 @@ def _entries(columns: Columns, clocks: Mapping[str, ClockReport], found: list[Gr
             usual = None
         name = usual.name if usual is not None else f"{EXTRA}.{_slug(group.stem) or 'column'}"
         labels = _labels(columns, group, width)
-        entries.append(_Entry(name, group, clock, rows, axis, labels, reason))
+        notes = ("the order of the columns is the file's: their names do not tell one",)
+        told = len(group.columns) == 1 or labels or group.order or name_tokens(group.columns)
+        entries.append(_Entry(name, group, clock, rows, axis, labels, reason, () if told else notes))
+    counted = {e.labels for e in entries if are_counted(e.labels)}
+    if len(counted) > 1:  # one joint by two names: their numbers alone say which
+        entries = [replace(e, labels=()) if e.labels in counted else e for e in entries]
     return entries
 
 

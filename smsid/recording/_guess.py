@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid.errors import RecordingError
+from smsid.recording._name_order import TURNS, sorted_by_name
 from smsid.recording._units import bare, convert, written_unit
 from smsid.recording.channels import QUANTITIES
 
@@ -55,6 +56,8 @@ QUATERNIONS = ("i j k w", "i j k r", "i j k s", "i j k real", "x y z s", "x y z 
 OF_AXES = {"joint_torque": "torque", "joint_velocity": "angular_rate"}
 OF_JOINTS = {"position": "joint_position", "velocity": "joint_velocity"}
 JOINTS = re.compile(r"joint|arm|axis|axes|motor|servo|actuator|achse|(^|[^a-z])[ja]_?\d")
+OF_A_BODY = re.compile(r"(?i)(body|bus|base|sat|craft|imu|gyro?|angular|omega|rate|vel|[\W_])*")
+"""What stands before roll, pitch or yaw of a body; anything else is a joint's name."""
 NUMERIC = "fiu"
 
 
@@ -174,6 +177,12 @@ def _quaternions(
 
 def _stem(name: str, single: Mapping[str, str]) -> tuple[str, str]:
     """Give the name with '#' for its axis or number, and which of both it is."""
+    for found in re.finditer(r"(?i)roll|pitch|yaw", name):
+        before, word, after = name[: found.start()], found.group(), name[found.end() :]
+        spelt = str.upper if word.isupper() else str.lower if word.islower() else str.capitalize
+        siblings = all(f"{before}{spelt(turn)}{after}" in single for turn in TURNS)
+        if siblings and OF_A_BODY.fullmatch(before) and not JOINTS.search(after.lower()):
+            return f"{before}#{after}", "turn"
     for found in reversed(list(re.finditer(r"[xyzwXYZW]", name))):
         before, letter, after = name[: found.start()], found.group(), name[found.end() :]
         axes = "xyz" if letter.islower() else "XYZ"
@@ -199,6 +208,7 @@ def _stem(name: str, single: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: list[str]) -> Group:
+    members = list(sorted_by_name(members)) if kind in ("axis", "number", "turn") else members
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", " ".join(map(bare, members))).lower()
     quantity = next((q for pattern, q, _ in NAMES if re.search(pattern, text)), None)
     order = None
@@ -221,6 +231,10 @@ def _group(columns: Mapping[str, NDArray[Any]], stem: str, kind: str, members: l
             quantity, order = "attitude", "xyzw"
         elif quantity == "attitude" or quantity == "joint_position":
             quantity = None
+    elif kind == "turn":
+        turns_at = quantity is None and fits(stated_unit(columns, members[0]) or "1", "rad/s")
+        quantity = "angular_rate" if turns_at or "rate" in text else OF_AXES.get(quantity or "", quantity)
+        quantity = quantity if quantity in ("angular_rate", "torque") else None  # angles are no quaternion
     elif kind in ("number", "single") and quantity != "current":
         quantity = _of_numbered(quantity, kind, len(members), text)
     quaternion = len(members) == 4 and re.search(r"(?i)q|att|rot", stem)
@@ -304,22 +318,23 @@ def joint_name(column: str) -> str:
     """Return the joint that a column is named after, less its quantity: '- arm_1_joint_effort' is
     'arm_1_joint'; empty where nothing but a quantity or a number is left.
     """
-    text = re.sub(r"^\W+", "", column)
-    bare = AFTER.sub("", text)
-    bare = BEFORE.sub("", text) if bare == text else bare
-    return bare if bare != text and re.search(r"[A-Za-z]", bare) else ""
+    text = re.sub(r"^\W+", "", bare(column))
+    name = AFTER.sub("", text)
+    name = BEFORE.sub("", text) if name == text else name
+    return name if name != text and re.search(r"[A-Za-z]", name) else ""
 
 
 def joint_labels(group: Group) -> tuple[str, ...]:
-    """Return the names of a group's joints; none where its columns do not name each of them by itself.
-
-    Joints that are only counted, such as ``joint1``, may be called otherwise in a description.
-    """
+    """Return the names of a group's joints; none where its columns do not name each of them by itself."""
     if not (group.quantity or "").startswith("joint_"):
         return ()
     names = tuple(joint_name(c) for c in group.columns)
-    counted = all(name[-1:].isdigit() for name in names)
-    return names if all(names) and len(set(names)) == len(names) and not counted else ()
+    return names if all(names) and len(set(names)) == len(names) else ()
+
+
+def are_counted(labels: tuple[str, ...]) -> bool:
+    """Tell whether joints are only counted, such as ``joint1``: another device's may be, too."""
+    return bool(labels) and all(name[-1].isdigit() for name in labels)
 
 
 def joined_by_quantity(found: list[Group], columns: Mapping[str, NDArray[Any]]) -> list[Group]:
@@ -331,7 +346,7 @@ def joined_by_quantity(found: list[Group], columns: Mapping[str, NDArray[Any]]) 
     places: dict[tuple[Any, ...], int] = {}
     for group in found:
         names = joint_labels(group)
-        if not names or columns[group.columns[0]].ndim != 1:
+        if not names or are_counted(names) or columns[group.columns[0]].ndim != 1:
             out.append(group)
             continue
         rows = b"" if group.rows is None else np.asarray(group.rows).tobytes()

@@ -16,6 +16,8 @@ from smsid._files import sha256
 from smsid._listing import did_you_mean
 from smsid._time_text import stamp_text
 from smsid.errors import RecordingError
+from smsid.recording._name_order import order_doubts
+from smsid.recording._repeats import without_repeats
 from smsid.recording._units import convert
 from smsid.recording.attitude import conjugate, rotate, slerp
 from smsid.recording.channels import EXTRA, LABELLED_DIMS, SLIDING, Quantity
@@ -78,7 +80,18 @@ def import_recording(
     if absent:
         provenance["imported"]["absent"] = absent
     provenance["imported"] |= job.joint_kinds()
-    recording = job.run(provenance)
+    recording, repeated = without_repeats(job.run(provenance))
+    if repeated:
+        for clock, count in repeated.items():
+            logger.warning(
+                "%s: %s of clock '%s' left out that repeat the row before, stamp and values.",
+                file,
+                "1 row" if count == 1 else f"{count} rows",
+                clock,
+            )
+        recording = recording.with_provenance(
+            {"imported": {**recording.provenance["imported"], "repeated_rows": repeated}}
+        )
     if check:
         try:
             recording.check()
@@ -94,7 +107,7 @@ def columns_to_recording(path: Path, rules: ImportMapping, columns: Columns) -> 
     Raises:
         RecordingError: as `import_recording`, but for what `Recording.check` finds.
     """
-    return _Import(path, rules, columns).run({})
+    return without_repeats(_Import(path, rules, columns).run({}))[0]
 
 
 def _combined_error(faults: Sequence[RecordingError]) -> RecordingError:
@@ -131,6 +144,8 @@ class _Import:
                 faults.append(error)
         if faults:
             raise _combined_error(faults)
+        for doubt in order_doubts(present):
+            logger.warning("%s: %s", self.file, doubt)
         for name, values in channels.items():
             source = name.partition(".")[0]
             kept = self._sampled_rows(source, present)

@@ -36,6 +36,36 @@ def turn_between(a: FloatArray, b: FloatArray) -> FloatArray:
     return turn[:, :3] * (np.copysign(2.0, turn[:, 3]) * scale)[:, None]
 
 
+SIGN_REACH = 3
+"""Rows back among which a row's sign is compared with the nearest attitude: two wild ones decide nothing."""
+
+
+def continuous(q: FloatArray) -> FloatArray:
+    """Choose the signs of quaternions (N, 4), of any norm, so that components run on as the attitude does.
+
+    q and -q are one attitude, and loggers write either. Rows that are not finite stay as they are, and the
+    next one is compared with those before them. The first finite row keeps its sign.
+    """
+    good = np.flatnonzero(np.isfinite(q).all(axis=1) & np.any(q != 0.0, axis=1))
+    if good.size < 2:
+        return q
+    rows = q[good] / np.abs(q[good]).max(axis=1, keepdims=True)
+    rows /= _sizes(rows)[:, None]
+    alike = np.zeros((SIGN_REACH, good.size))  # cosines of half the turn from rows 1, 2, ... before
+    for k in range(min(SIGN_REACH, good.size - 1)):
+        alike[k, k + 1 :] = np.einsum("ij,ij->i", rows[k + 1 :], rows[: -k - 1])
+    nearest = np.argmax(np.abs(alike), axis=0)
+    place = np.arange(good.size)
+    signs = np.where(alike[nearest, place] < 0.0, -1.0, 1.0)
+    before = np.maximum(place - 1 - nearest, 0)
+    signs[0] = 1.0
+    while before.any():  # each row's sign to the row before, the rows before those, twice as far a round
+        signs, before = signs * signs[before], before[before]
+    out = np.array(q, dtype=np.float64)
+    out[good] *= signs[:, None]
+    return out
+
+
 def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
     """Turn vectors v (N, ..., 3) by q (N, 4), from body to inertial axes (by the conjugate: back)."""
     x, y, z, w = q.T / _sizes(q)

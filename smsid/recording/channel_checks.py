@@ -27,11 +27,15 @@ def check_clocks(recording: Recording) -> None:
         check_order(times, clock)
 
 
-def check_finite(recording: Recording, *, missing: bool = False) -> None:
-    """Raise `RecordingError` at the first channel with infinite samples, or NaN where none may be missing."""
+def check_finite(recording: Recording, *, missing: bool = False, sensors_may_pause: bool = False) -> None:
+    """Raise `RecordingError` at the first channel with infinite samples, or NaN where none may be missing.
+
+    Any channel may miss samples where ``missing``, all but commands where ``sensors_may_pause``.
+    """
     for name in recording.channels:
         values = recording[name]
-        bad = np.isinf(values) if missing else ~np.isfinite(values)
+        allowed = missing or (sensors_may_pause and not name.startswith("command."))
+        bad = np.isinf(values) if allowed else ~np.isfinite(values)
         if not bad.any():
             continue
         where = tuple(int(k) for k in np.argwhere(bad)[0])
@@ -68,7 +72,7 @@ def check_quaternions(recording: Recording) -> None:
             continue
         norms = np.linalg.norm(recording[name], axis=1)
         off = np.abs(norms - 1.0)
-        if off.max() > NORM_TOLERANCE:
+        if (off > NORM_TOLERANCE).any():  # missing samples are none of them
             index = int(np.flatnonzero(off > NORM_TOLERANCE)[0])
             at = time_text(recording.time(name)[index], recording.time(name)[0])
             raise RecordingError(

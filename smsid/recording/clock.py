@@ -68,10 +68,16 @@ def check_order(times: FloatArray, clock: str = "time") -> None:
         index = int(late[0]) + 1
         before, value = float(times[index - 1]), float(times[index])
         what = "stands still" if value == before else "goes back"
+        advice = "Sort the samples and drop repeated ones, or split the recording where a new run starts."
+        if value == before:
+            advice = (
+                "Two samples have one time: delete the wrong row, or, where stamps are rounded, name a finer "
+                "column of times or state a rate."
+            )
         raise RecordingError(
             f"Clock '{clock}' {what} at index {index}: {before!r} s, then {value!r} s "
             f"({late.size} such steps).",
-            advice="Sort the samples and drop repeated ones, or split the recording where a new run starts.",
+            advice=advice,
             clock=clock,
             index=index,
             values=(before, value),

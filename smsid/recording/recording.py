@@ -224,7 +224,8 @@ class Recording(ShortRepr):
         """Verify the samples and give the recording back.
 
         Without ``consistency`` channels are not compared with each other. Where ``sensors_may_pause`` only
-        commands have to be without gaps: what drove the motion meanwhile is not known.
+        commands have to be without gaps and missing samples (NaN): what drove the motion meanwhile is not
+        known.
 
         Raises:
             RecordingError: a time that is not finite or does not increase, NaN or infinity in a channel, a
@@ -233,7 +234,7 @@ class Recording(ShortRepr):
                 A recording that is `unchecked` is not asked whether its channels contradict each other.
         """
         channel_checks.check_clocks(self)
-        channel_checks.check_finite(self)
+        channel_checks.check_finite(self, sensors_may_pause=sensors_may_pause)
         commands = [c for c in self.channels if c.startswith("command.")]
         channel_checks.check_gaps(
             self, {self.clock_of(c) for c in commands} if sensors_may_pause else self.clocks

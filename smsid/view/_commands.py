@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from smsid.errors import require
+from smsid.recording.attitude import continuous
 from smsid.view._look import FIELD_OF_VIEW, fitted_camera
 from smsid.view._parts import SceneNode, move_pose
 from smsid.view._scene import Scene
@@ -75,9 +76,7 @@ def decompose(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Split poses (N, 4, 4) into position (N, 3), quaternion xyzw (N, 4) of steady sign, and scale (N, 3)."""
     scale = np.linalg.norm(poses[:, :3, :3], axis=1)
     quaternion = Rotation.from_matrix(poses[:, :3, :3] / scale[:, None, :]).as_quat()
-    flips = np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=1))
-    quaternion[1:] *= np.cumprod(np.where(flips < 0.0, -1.0, 1.0))[:, None]
-    return poses[:, :3, 3], quaternion, scale
+    return poses[:, :3, 3], continuous(quaternion), scale
 
 
 def _tracks(poses: np.ndarray) -> Iterator[dict[str, Any] | None]:

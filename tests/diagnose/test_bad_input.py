@@ -61,3 +61,19 @@ def test_without_validation_the_gain_is_not_known_and_says_so(description, recor
     assert found.verdict in ("adequate", "explained", "unexplained")
     assert found.gain is None
     assert "no validation recording" in found.gain_reason
+
+
+@pytest.mark.parametrize(
+    ("channel", "sentence"),
+    [("imu.angular_rate", "excites no candidate"), ("command.joint_torque", "'command.joint_torque' is nan")],
+)
+def test_sensors_may_miss_samples_and_commands_may_not(
+    description, recording, monkeypatch, channel, sentence
+):
+    """As in `identify`: what drove the motion meanwhile is not known, what was not read is not needed."""
+    monkeypatch.setattr(sys.modules["smsid.diagnose.diagnose"], "propose", lambda *_: [])
+    values = np.array(recording[channel])
+    values[[20, 21, 60]] = np.nan
+    holed = recording.with_channels({channel: (recording.time(channel), values)})
+    found = diagnose(description, [holed], rate=10.0).diagnosis
+    assert sentence in found.sentence

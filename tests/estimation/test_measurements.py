@@ -57,3 +57,18 @@ def test_a_bias_that_begins_midway_is_there_from_then_on(known, problem):
     states = States(np.array([1.9, 2.0, 2.1]), np.tile(model.home, (n, 1)), still, still, still, still)
     change = MeasurementModel(model, later).all(states) - MeasurementModel(model, data).all(states)
     np.testing.assert_allclose(change[:, rows], np.outer([0.0, 1.0, 1.0], bias), atol=1e-15)
+
+
+def test_the_sign_of_quaternions_says_nothing_of_their_noise(known, recording):
+    """Where no noise is stated it is told from third differences of the samples."""
+    channel = "pose.attitude"
+    sensors = [
+        s.model_copy(update={"quantities": ("attitude",), "errors": {}})
+        for s in known.point.description.sensor
+        if channel in s.channels
+    ]
+    q = np.array(recording[channel])
+    signs = np.random.default_rng(2).choice([-1.0, 1.0], len(q))[:, None]
+    flipped = recording.with_channels({channel: (recording.time(channel), signs * q)})
+    sigmas = [measurements_of(known.point.base, r, sensors).sigma for r in (recording, flipped)]
+    np.testing.assert_allclose(*sigmas, rtol=1e-12)

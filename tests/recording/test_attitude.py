@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from smsid.recording.attitude import conjugate, rotate, slerp, turn_between
+from smsid.recording.attitude import conjugate, continuous, rotate, slerp, turn_between
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -36,3 +36,16 @@ def test_small_rotations_lose_no_digits_and_the_sign_of_a_quaternion_says_nothin
     rest, q = np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[1e-9, 0.0, 0.0, 1.0]])
     np.testing.assert_allclose(turn_between(rest, q), [[2e-9, 0.0, 0.0]], rtol=1e-12)
     np.testing.assert_allclose(turn_between(q, -rest), [[-2e-9, 0.0, 0.0]], rtol=1e-12)
+
+
+def test_signs_run_on_past_missing_rows_and_wild_ones():
+    rng = np.random.default_rng(3)
+    half = 0.5 * np.cumsum(rng.uniform(0.0, 0.3, 200))  # many turns: no fixed half of the sphere holds them
+    q = np.stack([0.6 * np.sin(half), 0.8 * np.sin(half), 0.0 * half, np.cos(half)], axis=1)
+    read = q * np.append(1.0, rng.choice([-1.0, 1.0], 199))[:, None]
+    np.testing.assert_array_equal(continuous(read), q)
+    read[[20, 21, 90]] = np.nan
+    read[[50, 51, 120]] = [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1e300, -1e300, 0.0, 0.0]]
+    good = np.setdiff1d(np.arange(200), [20, 21, 50, 51, 90, 120])
+    np.testing.assert_array_equal(continuous(read)[good], q[good])
+    assert np.isnan(continuous(read)[[20, 21, 90]]).all()

@@ -17,7 +17,7 @@ from smsid.estimation.flight import flight_of
 from smsid.estimation.identify import identify_spacecraft
 from smsid.estimation.parameter_vector import Point
 from smsid.recording import Recording
-from smsid.recording.checks import channel_findings
+from smsid.recording.checks import channel_findings, sample_faults
 from smsid.recording.checks.sample_faults import running_median
 
 from .samples import recording
@@ -260,3 +260,45 @@ def test_a_fault_of_a_long_recording_is_found_by_some_of_its_spans():
 def test_the_running_median_is_that_of_scipy(count):
     x = np.random.default_rng(0).integers(0, 50, count).astype(float)  # with ties
     np.testing.assert_array_equal(running_median(x), median_filter(x, size=7, mode="nearest"))
+
+
+def _turning(seed: int, flips: bool) -> Recording:
+    """A craft that turns, attitude by scipy's rotations, the signs of quaternions as loggers choose."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(1001) / 5.0
+    phases, rates = rng.uniform(0.0, 6.0, (2, 3)), np.array([[0.05], [0.021]])
+    rate = 0.03 * np.sum(np.sin(2.0 * np.pi * rates[:, :, None] * t + phases[:, :, None]), axis=0).T
+    turn, q = Rotation.from_rotvec(rng.normal(size=3)), []
+    for k in range(t.size):
+        q.append(turn.as_quat())
+        turn = turn * Rotation.from_rotvec(0.1 * (rate[k] + rate[min(k + 1, t.size - 1)]))
+    quaternions = np.array(q) * (rng.choice([-1.0, 1.0], t.size) if flips else np.ones(t.size))[:, None]
+    rate = rate + 1e-4 * rng.normal(size=rate.shape)
+    return Recording.from_arrays(t, {"st.attitude": quaternions, "gyro.angular_rate": rate})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_signs_of_quaternions_hide_no_convention_and_are_no_outliers(seed):
+    sound, inverse = _turning(seed, flips=True), np.array([-1.0, -1.0, -1.0, 1.0])
+    assert channel_findings(sound) == ()
+    q = np.array(sound["st.attitude"])
+    for wrong, words in ((q * inverse, "inertial to body"), (np.roll(q, 1, axis=1), "order w x y z")):
+        with pytest.raises(InconsistentChannelsError, match=words):
+            sound.with_channels({"st.attitude": wrong}).check()
+    q[400] = [0.5, -0.5, 0.5, -0.5]  # nor does a wild sample switch the check off
+    found = channel_findings(sound.with_channels({"st.attitude": q * inverse}))
+    assert {f.kind for f in found} == {"outlier", "quaternion"}
+    held = np.repeat(_turning(seed, flips=False)["st.attitude"][:250], 4, axis=0)
+    signs = np.where(np.arange(1000) % 3, 1.0, -1.0)[:, None]
+    clock = sound.time("st.attitude")[:1000]
+    findings = channel_findings(Recording.from_arrays(clock, {"st.attitude": held * signs}))
+    assert [f.kind for f in findings] == ["held"]
+
+
+def test_an_outlier_within_the_range_is_told_by_its_distance():
+    t = np.arange(2000) / 10.0
+    x = np.sin(0.05 * t) + 1e-3 * np.random.default_rng(0).normal(size=t.size)
+    x[315] = -0.4  # where the angle is 1: the rest reaches 1 as well
+    found = sample_faults.outlier_finding("encoder.joint_position", "joint1", t, x)
+    assert found is not None
+    assert "up to 1.399 off the samples around them, the rest at most 0.00" in found.sentence

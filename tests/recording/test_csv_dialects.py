@@ -163,7 +163,7 @@ def test_rows_that_are_written_twice_are_named_and_no_rate_is_invented(tmp_path)
     report = inspect_file(path)
     assert "rate" not in report.mapping
     assert any("repeats 30 times" in doubt for doubt in report.suspicions)
-    with pytest.raises(RecordingError, match=r"stands still at index 1.*drop repeated"):
+    with pytest.raises(RecordingError, match=r"stands still at index 1.*stamps are rounded"):
         import_recording(path, parse_mapping(tomllib.loads(report.mapping)))
 
 

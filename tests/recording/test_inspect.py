@@ -195,11 +195,11 @@ def test_a_mapping_of_another_log_is_refused_by_name(tmp_path):
         inspect_file(path, parse_mapping(ARM))
 
 
-@pytest.mark.parametrize("kind", ["gap", "duplicates", "reordered"])
+@pytest.mark.parametrize("kind", ["gap", "reordered"])
 def test_what_inspect_finds_import_refuses(tmp_path, kind):
     path = csv(tmp_path / "a.csv", damaged(kind))
     report = inspect_file(path)
-    text = {"gap": "gap of 2", "duplicates": "stands still", "reordered": "goes back"}[kind]
+    text = {"gap": "gap of 2", "reordered": "goes back"}[kind]
     with pytest.raises(RecordingError, match=text):
         import_recording(path, parse_mapping(tomllib.loads(report.mapping)))
 

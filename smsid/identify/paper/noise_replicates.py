@@ -14,6 +14,7 @@ from smsid.identify.appendage_modes import PanelModes, panel_modes
 from smsid.identify.modes import IdentifiedMode
 from smsid.identify.robust import white_sigma
 from smsid.recording import Recording
+from smsid.recording.attitude import continuous
 from smsid.sensing import Sensor
 
 
@@ -30,8 +31,7 @@ def add_noise_replicate(
         own = recording.time(name)
         values = np.asarray(recording[name], dtype=float)
         if name.endswith(".attitude"):
-            signs = np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0)
-            values = values * np.concatenate([[1.0], np.cumprod(signs)])[:, None]
+            values = continuous(values)
             # each component of a quaternion turns half as far, and there are three angles
             sigma = 2.0 * np.sqrt(np.sum(white_sigma(values) ** 2) / 3.0)
             turn = Rotation.from_rotvec(sigma * rng.standard_normal((len(values), 3)))

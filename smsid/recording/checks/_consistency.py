@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smsid._time_text import time_text
+from smsid.recording.attitude import continuous
+from smsid.recording.channels import quantity_of
 from smsid.recording.checks import sample_faults
 from smsid.recording.checks._pair_check import PAIRS, PairCheck, component_labels
 from smsid.recording.checks.increments import KinematicPair, integral
@@ -29,6 +31,8 @@ def channel_findings(recording: Recording) -> tuple[SampleFault, ...]:
         if name.startswith(("command.", "extra.", "truth.")) or recording[name].ndim != 2:
             continue
         t, values = recording.time(name), recording[name]
+        attitude = quantity_of(name, unit=recording.unit(name)).is_quaternion
+        values = continuous(values) if attitude else values
         held = sample_faults.held_finding(name, t, values)
         found += [held] if held else []
         for k, label in enumerate(component_labels(recording, name)):
@@ -38,7 +42,8 @@ def channel_findings(recording: Recording) -> tuple[SampleFault, ...]:
             for finding in own:
                 if finding is not None:
                     found.append(finding)
-                    with_error.add((name, label))
+                    if not attitude:  # of one, wild samples are left out instead: `_kinematic_pair`
+                        with_error.add((name, label))
     pairs = []
     for first, second, _ in PAIRS:
         for x, v in _pairs(recording, first, second):
@@ -82,7 +87,8 @@ def _kinematic_pair(recording: Recording, x: str, v: str) -> KinematicPair | Non
         norms = np.linalg.norm(values, axis=1, keepdims=True)
         if not 0.5 < float(norms.min()) <= float(norms.max()) < 2.0:
             return None
-        return KinematicPair(arrays[0], values / norms, arrays[2], arrays[3], "attitude")
+        good = ~np.any([sample_faults.outliers(c, 1e-9) for c in continuous(values).T], axis=0)
+        return KinematicPair(arrays[0][good], (values / norms)[good], arrays[2], arrays[3], "attitude")
     if v.endswith(".acceleration"):
         attitudes = [name for name in recording.channels if name.endswith(".attitude")]
         if not attitudes:

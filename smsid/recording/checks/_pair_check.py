@@ -123,7 +123,6 @@ class PairCheck:
         xs = () if self.attitude else component_labels(recording, x)
         self.usable = [
             (v, label) not in with_error
-            and not (self.attitude and any(name == x for name, _ in with_error))
             and not (xs and pair.kind == "plain" and (x, xs[k]) in with_error)
             and not (pair.kind == "inertial" and any(name == x for name, _ in with_error))
             for k, label in enumerate(self.labels)

@@ -93,9 +93,17 @@ def outlier_finding(channel: str, component: str, t: FloatArray, x: FloatArray) 
     first = int(np.flatnonzero(marked)[0])
     worst = float(np.max(np.abs(x[marked])))
     rest = float(np.max(np.abs(x[~marked])))
+    # Within the range of the rest an outlier is told by how far it is off the samples around it.
+    off = np.abs(x - running_median(x))
+    shown = (
+        f"up to {worst:.4g} where the rest stays below {rest:.4g}"
+        if worst > rest
+        else f"up to {np.max(off[marked]):.4g} off the samples around them, the rest at most "
+        f"{np.max(off[~marked]):.4g}"
+    )
     sentence = (
         f"'{channel}' {component} has {count} isolated outliers of {x.size} samples, the first at "
-        f"t = {time_text(t[first], t[0])}: up to {worst:.4g} where the rest stays below {rest:.4g}."
+        f"t = {time_text(t[first], t[0])}: {shown}."
     )
     mend = "Remove these samples, or cut the log with window(t0, t1)."
     numbers, clear = (float(count), worst, rest), worst > WILD * rest  # identification leaves others out
