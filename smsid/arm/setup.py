@@ -92,7 +92,7 @@ def with_held_joints(model: SpacecraftModel, held: Mapping[str, float]) -> Space
     """Return the model of an arm with joints welded at their positions [rad | m], and what follows them.
 
     Raises:
-        DescriptionError: a joint does not exist, or all are held.
+        DescriptionError: a joint does not exist or follows one that moves, or all are held.
     """
     if not held:
         return model
@@ -101,6 +101,13 @@ def with_held_joints(model: SpacecraftModel, held: Mapping[str, float]) -> Space
     if model.followers is not None and not unknown:
         f = model.followers
         for name, leader, ratio, offset in zip(f.names, f.leaders, f.ratio, f.offset, strict=True):
+            if name in held and leader not in held:
+                raise DescriptionError(
+                    f"Cannot hold '{name}': it follows '{leader}' by {ratio:g} and {offset:g}.",
+                    advice=f"Hold '{leader}' as well if neither moves.",
+                    joint=name,
+                    leader=leader,
+                )
             if leader in held:
                 held.setdefault(name, float(ratio * held[leader] + offset))
             elif name not in held:

@@ -1,31 +1,36 @@
 """What a recorded torque signal is worth: its size against the torques that the described links need.
 
 For a drive that logs current, or torque of unknown gain. The described link inertias are taken as true, and
-so is gravity; friction, rotors and offsets that the description lists are fitted beside the gain.
+so is gravity; friction, rotors and offsets that the description lists are fitted beside the gain, and with
+them what they are not linear in, as `smsid.arm.identify` finds it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smsid.arm._smooth_motion import smooth_motion
+from smsid.arm._smooth_motion import SmoothMotion, smooth_motion
+from smsid.arm._solve import solve_equations
 from smsid.arm.identify import rigid_arm
-from smsid.arm.joint_torques import block_length, joint_torques
+from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
 from smsid.arm.readings import MOTOR, measured_channel, with_joint_torque
-from smsid.arm.regression import solve_joints
 from smsid.description import Description
 from smsid.effects import Gear
 from smsid.effects.gear import gears_of
 from smsid.errors import DescriptionError, NotIdentifiableError
+from smsid.model.identifiable import base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 
 SURE = 3.0
 """Standard deviations a scale must be away from zero to say anything."""
+
+SCALE = "torque of the described links"
+"""Name of the column that the scale multiplies."""
 
 
 @dataclass(frozen=True)
@@ -88,17 +93,43 @@ def torque_scales(
     theta = known_links(model)
     motion = smooth_motion(model, recording)
     torques = joint_torques(model, motion, block_length(motion, cutoff))
-    links, extra = torques.rows[:, :, : theta.size] @ theta, torques.rows[:, :, theta.size :]
-    found = []
-    for name, j in zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True):
-        own = extra[:, j]
-        columns = np.column_stack([links[:, j], own[:, np.any(own != 0.0, axis=0)]])
-        try:
-            solved = solve_joints(columns[:, None, :], torques.torque[:, j : j + 1])
-            found.append(TorqueScale(name, float(solved.x[0]), float(solved.sigma[0])))
-        except NotIdentifiableError:
-            found.append(TorqueScale(name, float("nan"), float("inf")))
-    return tuple(found)
+    return tuple(
+        _torque_scale(model, motion, _with_links_as_one(torques, theta), name, j)
+        for name, j in zip(model.arm_joints.names, model.arm_joints.v.tolist(), strict=True)
+    )
+
+
+def _with_links_as_one(torques: JointTorques, theta: np.ndarray) -> JointTorques:
+    """Return equations whose first column is the torque that links of inertia ``theta`` (n,) need."""
+    count = theta.size
+    links = torques.rows[:, :, :count] @ theta
+    return replace(
+        torques,
+        rows=np.concatenate([links[:, :, None], torques.rows[:, :, count:]], axis=2),
+        names=(SCALE, *torques.names[count:]),
+        units=("1", *torques.units[count:]),
+    )
+
+
+def _torque_scale(
+    model: SpacecraftModel, motion: SmoothMotion, torques: JointTorques, name: str, joint: int
+) -> TorqueScale:
+    """Return the scale of one joint, from its equation alone: units of signals differ.
+
+    Found as `identify_arm` finds all else, with the shapes of its friction and its delay.
+    """
+    untold = TorqueScale(name, float("nan"), float("inf"))
+    used = np.zeros(torques.torque.shape, dtype=bool)
+    used[:, joint] = True
+    own = torques.only(used)
+    try:
+        base = base_parameters(own.rows[:, joint], own.names, own.units)
+        if base.names[0] != SCALE:  # none, or one with a rotor's inertia
+            return untold
+        solved = solve_equations(model, motion, own, base).regression
+    except NotIdentifiableError:
+        return untold
+    return TorqueScale(name, float(solved.x[0]), float(solved.sigma[0]))
 
 
 def with_signal_gears(

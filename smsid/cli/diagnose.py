@@ -113,7 +113,7 @@ def diagnosis_parts(diagnosis: Diagnosis, *, everything: bool = False) -> Iterat
         shown = CAUSE if "parameter" in table.columns else ()
         yield from cut_tables([report_table(table, columns=shown, everything=everything)], everything, 12)
     if diagnosis.gain is not None:
-        for part in gain_parts(diagnosis.gain):
+        for part in gain_parts(diagnosis.gain, extends=bool(diagnosis.causes)):
             if isinstance(part, Table):
                 yield report_table(part)
             elif isinstance(part, Words):

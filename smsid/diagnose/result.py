@@ -186,8 +186,7 @@ class Diagnosis:
                 text = f"{p.name} = {p.value:.6g} {p.spread.replace('+-', '±')} {p.unit}"
                 rows.append((f"{cause.label} at {cause.location}", text))
         if self.gain is not None:
-            share = f"{100 * self.gain.explained:.0f} % of what exceeds the noise"
-            rows.append(("gain", f"{share}, on recordings not used"))
+            rows.append(("gain", self.gain.in_words(extends=bool(self.causes))))
         return f"diagnosis of '{self.description}' from {some_of(self.recordings)}: {self.verdict}", rows
 
     def to_dataframe(self) -> pd.DataFrame:

@@ -73,6 +73,26 @@ class Gain:
         floor = 3.0 * np.sqrt(2.0 * self.samples)
         return 1.0 - self.excess_extended / self.excess_given if self.excess_given > floor else np.nan
 
+    def in_words(self, *, extends: bool) -> str:
+        """Return in a sentence what is gained; ``extends``: whether a cause was named."""
+        if not np.isfinite(self.explained):
+            return (
+                "The model as given has no significant excess on the held-out data: there is nothing to gain."
+            )
+        given, other = (f"{x:.3g} times the noise" for x in (self.whitened_given, self.whitened_extended))
+        if not extends:
+            return (
+                f"No cause was named, so that nothing is extended: data it has not seen are off by {other} "
+                f"with the parameters refitted, by {given} as given."
+            )
+        if self.explained < 0.0:
+            return (
+                "The extension predicts data it has not seen worse than the model as given: off by "
+                f"{other} instead of {given}."
+            )
+        share = f"{100.0 * self.explained:.3g} %"
+        return f"The extension explains {share} of the excess chi-squared on data it has not seen."
+
 
 def gain(
     given: Point,

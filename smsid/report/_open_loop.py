@@ -232,6 +232,10 @@ def gain_sentence(g: Gain) -> str:
         f"On '{g.recording}', which was not used, predictions one sample ahead are off by "
         f"{number(g.whitened_given, 3)} times the noise with the model as given, by "
         f"{number(g.whitened_nominal, 3)} with its parameters refitted and nothing added, and by "
-        f"{number(g.whitened_extended, 3)} with the cause: {share(g.explained, 4)} of what exceeds the noise "
-        "is gone."
+        f"{number(g.whitened_extended, 3)} with the cause: "
+        + (
+            f"{share(g.explained, 4)} of what exceeds the noise is gone."
+            if g.explained >= 0.0
+            else "it predicts worse."
+        )
     )

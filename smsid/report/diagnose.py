@@ -188,7 +188,7 @@ def _gain_section(found: DiagnosisRun, asked: DiagnosisInputs, loop: OpenLoop | 
     if d.gain is None:
         reason = d.gain_reason or "no validation recording was given"
         return Section("gain", title, (Text((f"Not evaluated: {reason}.",)),), "not evaluated")
-    parts: list[Part] = list(gain_parts(d.gain))
+    parts: list[Part] = list(gain_parts(d.gain, extends=bool(d.causes)))
     if loop is not None and {GIVEN, EXTENDED} <= set(loop.models):
         labels = ("measured", "simulated, extended", "error, extended", "error, as given")
         title_, traces = f"Simulated open loop on {loop.recording}", loop.traces(GIVEN, EXTENDED)
@@ -201,7 +201,8 @@ def _glance(d: Diagnosis) -> list[tuple[str, str]]:
     if d.gain is not None and d.gain.explained == d.gain.explained:
         was, now = number(d.gain.whitened_given, 3), number(d.gain.whitened_extended, 3)
         out.append(("prediction error over the noise, held out", f"{was} → {now}"))
-        out.append(("excess explained, held out", share(d.gain.explained, 3)))
+        if d.causes and d.gain.explained >= 0.0:
+            out.append(("excess explained, held out", share(d.gain.explained, 3)))
     elif d.whitened_rms:
         # before the causes it is over the noise as raised for the nominal fit: that says nothing
         out.append(("prediction error over the noise", number(list(d.whitened_rms.values())[-1], 4)))

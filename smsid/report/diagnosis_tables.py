@@ -12,7 +12,7 @@ from smsid.diagnose.validation import Gain
 from smsid.effects.base import Effect, known_effect
 from smsid.report.axes import Axis
 from smsid.report.model import Cell, Figure, Table, Text, cells
-from smsid.report.numbers import number, share, unit, with_half
+from smsid.report.numbers import number, unit, with_half
 from smsid.report.parameters import interval_cell
 from smsid.report.rows import ChartRow, Mark, RowChart
 
@@ -53,8 +53,8 @@ def _parameters(c: FoundCause) -> list[tuple[Cell, ...]]:
     return out
 
 
-def gain_parts(g: Gain) -> list[Text | Table | Figure]:
-    """Return the gain in words, by model, and by channel open loop."""
+def gain_parts(g: Gain, *, extends: bool = True) -> list[Text | Table | Figure]:
+    """Return the gain in words, by model, and by channel open loop; ``extends``: a cause was named."""
     models = (
         ("as given", g.whitened_given, g.excess_given),
         ("nominal parameters refitted", g.whitened_nominal, g.excess_nominal),
@@ -65,11 +65,7 @@ def gain_parts(g: Gain) -> list[Text | Table | Figure]:
         ("model", "#whitened rms (noise: 1)", "#excess chi-squared"),
         [cells(n, (w, 5), (x, 5)) for n, w, x in models],
     )
-    text = (
-        f"The extension explains {share(g.explained, 3)} of the excess chi-squared on data it has not seen."
-        if math.isfinite(g.explained)
-        else "The model as given has no significant excess on the held-out data: there is nothing to gain."
-    )
+    text = g.in_words(extends=extends)
     if g.left_out:
         text += f" {g.left_out} readings of sensors that are found faulty there, too, are left out with it."
     rows, table, values = [], [], []

@@ -161,6 +161,26 @@ def test_what_is_not_known_of_a_gain_is_in_the_intervals(arm, clean):
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.3, scores
 
 
+@pytest.mark.parametrize("width", [0.01, 0.05, 0.2])
+def test_gains_are_told_as_well_as_where_friction_is_described(arm, clean, width):
+    """The rate at which friction changes its sign is left open, or stated: gains and intervals agree."""
+    t, q, v, rigid = clean(100.0)
+    gains, scores = np.array([5.0, 8.0]), []
+    stated = arm.with_effects(*(e.model_copy(update={"smoothing": width}) for e in arm.effect))
+    for seed in range(6):
+        draw = np.random.default_rng(300 + seed)
+        torque = rigid + VISCOUS * v + 10.0 * COULOMB * np.tanh(v / width)
+        torque += 0.05 * draw.normal(size=v.shape)
+        channels = {"e.joint_position": q + 1e-5 * draw.normal(size=q.shape)}
+        channels["d.joint_torque"] = torque / gains
+        log = Recording.from_arrays(t, channels, labels={"joint": ("j1", "j2")}, role="estimation")
+        found, known = torque_scales(arm, log), torque_scales(stated, log)
+        scores.append([(s.value * k - 1.0) / (s.sigma * k) for s, k in zip(found, gains, strict=True)])
+        for s, other in zip(found, known, strict=True):
+            assert abs(s.value - other.value) < s.sigma < 1.5 * other.sigma
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5, scores
+
+
 def test_slow_errors_widen_what_slow_columns_tell(rng):
     """Coloured errors count by the frequencies of a column: a slow one is told worse than a fast one."""
     n, draws = 800, 150

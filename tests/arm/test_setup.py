@@ -85,6 +85,14 @@ def test_what_is_held_must_exist_and_leave_something(urdf):
         rigid_arm(arm_description(urdf), held_joints(names, ["*"]))
 
 
+def test_a_joint_that_follows_one_that_moves_is_not_held(urdf):
+    description = arm_description(urdf)
+    with pytest.raises(DescriptionError, match=r"'hand_1'.*follows 'hand_0'") as told:
+        rigid_arm(description, {"hand_1": 0.0})
+    assert told.value.evidence["leader"] == "hand_0"
+    rigid_arm(description, {"hand_0": 0.0, "hand_1": 0.0, "hand_2": 0.0})
+
+
 def test_the_command_holds_and_adds_what_joints_usually_have(urdf, tmp_path, rng):
     save_recording(log(rng), tmp_path / "log.nc")
     shown = CliRunner().invoke(
