@@ -1,21 +1,29 @@
 """What most users need, in one place: load, simulate, identify, diagnose, track, design, report,
 view, export.
 
-Everything here is offered by ``smsid`` itself: ``smsid.identify(spacecraft, recordings)``. Where a function
+Everything here is offered by ``smsid`` itself: ``smsid.identify(spacecraft, recordings)``. A spacecraft, a
+recording, an estimate or an experiment may be given as the path of its file, too. Where a function
 shares its name with a subpackage, the subpackage can be called: ``smsid.identify.estimate`` is there as well.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
+from smsid._given import (
+    PathLike,
+    estimate_if_given,
+    given_experiment,
+    given_generator,
+    given_path,
+    given_recordings,
+    given_spacecraft,
+)
 from smsid.description import Description, load_description
-from smsid.errors import DescriptionError
+from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.estimate import Estimate
 from smsid.recording import Recording, load_recording
 
@@ -27,7 +35,8 @@ if TYPE_CHECKING:
     from smsid.tracking.followed_parameters import Rate
     from smsid.tracking.history import TrackHistory
 
-PathLike = str | os.PathLike[str]
+Spacecraft = Description | PathLike
+Recordings = Recording | PathLike | Iterable[Recording | PathLike]
 Method = Literal["ml", "filter", "paper"]
 
 
@@ -37,7 +46,7 @@ def load_spacecraft(path: PathLike) -> Description:
     Raises:
         DescriptionError: as `smsid.description.load_description`.
     """
-    return load_description(path)
+    return load_description(given_path(path, DescriptionError))
 
 
 def load_recordings(*paths: PathLike) -> tuple[Recording, ...]:
@@ -46,11 +55,11 @@ def load_recordings(*paths: PathLike) -> tuple[Recording, ...]:
     Raises:
         RecordingError: a file is missing or no recording.
     """
-    return tuple(load_recording(path) for path in paths)
+    return tuple(load_recording(given_path(path, RecordingError)) for path in paths)
 
 
 def simulate(
-    spacecraft: Description,
+    spacecraft: Spacecraft,
     experiment: Experiment | PathLike = "exp2",
     *,
     seed: int = 1,
@@ -71,15 +80,15 @@ def simulate(
     from smsid.experiments import fly, named_experiment
     from smsid.model import build_model
 
-    model = build_model(spacecraft)
+    model = build_model(given_spacecraft(spacecraft))
     named = isinstance(experiment, str | os.PathLike)
-    plan = named_experiment(os.fspath(experiment), model) if named else experiment
-    return fly(model, plan, np.random.default_rng(seed), role=role).recording.with_provenance({"seed": seed})
+    plan = named_experiment(given_path(experiment), model) if named else given_experiment(experiment)
+    return fly(model, plan, given_generator(seed), role=role).recording.with_provenance({"seed": seed})
 
 
 def identify(
-    spacecraft: Description,
-    recordings: Recording | Sequence[Recording],
+    spacecraft: Spacecraft,
+    recordings: Recordings,
     *,
     method: Method = "ml",
     cad: float | None = None,
@@ -104,7 +113,7 @@ def identify(
         NotIdentifiableError: the recordings cannot identify what is asked.
         DescriptionError: the spacecraft cannot be modelled, or an option is for another kind of it.
     """
-    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    spacecraft, given = given_spacecraft(spacecraft), given_recordings(recordings)
     if spacecraft.root == "fixed":
         from smsid.estimation.arm_motion import identify_arm_motion, why_by_motion
 
@@ -135,11 +144,11 @@ def identify(
 
 
 def diagnose(
-    spacecraft: Description,
-    recordings: Recording | Sequence[Recording],
+    spacecraft: Spacecraft,
+    recordings: Recordings,
     *,
-    estimate: Estimate | None = None,
-    validation: Sequence[Recording] = (),
+    estimate: Estimate | PathLike | None = None,
+    validation: Recordings = (),
 ) -> DiagnosisRun:
     """Say what the simulation gets wrong and why: ``.diagnosis`` names the cause, ``.extended`` has it.
 
@@ -154,16 +163,17 @@ def diagnose(
     """
     from smsid.diagnose.diagnose import diagnose as explained
 
-    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    return explained(spacecraft, given, estimate=estimate, validation=validation)
+    spacecraft, given = given_spacecraft(spacecraft), given_recordings(recordings)
+    known, others = estimate_if_given(estimate), given_recordings(validation)
+    return explained(spacecraft, given, estimate=known, validation=others)
 
 
 def track(
-    spacecraft: Description,
-    recordings: Recording | Sequence[Recording],
+    spacecraft: Spacecraft,
+    recordings: Recordings,
     *,
-    estimate: Estimate | None = None,
-    follow: Mapping[str, Rate] | None = None,
+    estimate: Estimate | PathLike | None = None,
+    follow: Mapping[str, Rate] | Sequence[str] | None = None,
     hold: Sequence[str] = (),
     changes: bool = False,
     smooth: bool = False,
@@ -175,8 +185,8 @@ def track(
         recordings: in the order they were made.
         estimate: what is known beforehand.
         follow: how far each of these wanders, in its unit per square root of a second, by name or pattern
-            (``tank.*``); ``None`` is 1 % of its size in an hour. A pair of that and a trend [unit/s]: it also
-            changes steadily, about so fast. All unknown parameters if left out.
+            (``tank.*``); ``None``, or names alone: 1 % of its size in an hour. A pair of that and a trend
+            [unit/s]: it also changes steadily, about so fast. All unknown parameters if left out.
         hold: parameters that are not followed.
         changes: also seek what jumps, with at most one false alarm in ten hours: among ``.events``.
         smooth: also say what is known of each time from all that was read, before and after: ``.smoothed``.
@@ -189,12 +199,12 @@ def track(
     from smsid.tracking.history import FALSE_ALARMS
     from smsid.tracking.track_recordings import track_recordings
 
-    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    spacecraft, given = given_spacecraft(spacecraft), given_recordings(recordings)
     alarms = FALSE_ALARMS if changes else None
     return track_recordings(
         spacecraft,
         given,
-        estimate=estimate,
+        estimate=estimate_if_given(estimate),
         follow=follow,
         hold=hold,
         false_alarms=alarms,
@@ -203,8 +213,8 @@ def track(
 
 
 def design_controller(
-    spacecraft: Description,
-    estimate: Estimate | None = None,
+    spacecraft: Spacecraft,
+    estimate: Estimate | PathLike | None = None,
     *,
     gains: tuple[float, float] | None = None,
     uncertainty: float | None = None,
@@ -227,18 +237,19 @@ def design_controller(
     from smsid.control.design import DesignRequest, design
     from smsid.errors import ControlError
 
-    if estimate is None and (uncertainty is None or gains is None):
+    spacecraft, known = given_spacecraft(spacecraft), estimate_if_given(estimate)
+    if known is None and (uncertainty is None or gains is None):
         raise ControlError(
             "Without an estimate nothing says how sure the model is, or which frequencies to keep clear of.",
             advice="Pass an estimate, or gains and uncertainty.",
         )
     request = DesignRequest(gains=gains, uncertainty=uncertainty, samples=samples)
-    return design(spacecraft, estimate, request, np.random.default_rng(seed))
+    return design(spacecraft, known, request, given_generator(seed))
 
 
 def report(
-    spacecraft: Description,
-    recordings: Recording | Sequence[Recording],
+    spacecraft: Spacecraft,
+    recordings: Recordings,
     path: PathLike,
     *,
     method: Method = "ml",
@@ -258,19 +269,20 @@ def report(
     from smsid.report import provenance, write_report
     from smsid.report.identify import flights_report, identify_report
 
-    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    spacecraft, given = given_spacecraft(spacecraft), given_recordings(recordings)
+    target = Path(given_path(path))
     found = identify_spacecraft(spacecraft, given, method=method)
     if found.linear is None:
         page = flights_report(spacecraft, found, provenance([]))
     else:
         page = identify_report(spacecraft, given, found.linear, found.refined, provenance([]))
-    write_report(page, Path(path))
+    write_report(page, target)
     return found.estimate
 
 
 def view(
-    spacecraft: Description,
-    recordings: Recording | Sequence[Recording] = (),
+    spacecraft: Spacecraft,
+    recordings: Recordings = (),
     path: PathLike = "view.html",
     *,
     simulated: bool = False,
@@ -290,11 +302,11 @@ def view(
     """
     from smsid.view import build_replay, export_html
 
-    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    return Path(export_html(build_replay(spacecraft, given, simulated=simulated), path))
+    spacecraft, given = given_spacecraft(spacecraft), given_recordings(recordings)
+    return Path(export_html(build_replay(spacecraft, given, simulated=simulated), given_path(path)))
 
 
-def export(spacecraft: Description, folder: PathLike, estimate: Estimate | None = None) -> Export:
+def export(spacecraft: Spacecraft, folder: PathLike, estimate: Estimate | PathLike | None = None) -> Export:
     """Write URDF, TOML, parameters as CSV and MuJoCo XML, as identified or as described.
 
     Args:
@@ -307,4 +319,4 @@ def export(spacecraft: Description, folder: PathLike, estimate: Estimate | None 
     """
     from smsid.export.folder import export_folder
 
-    return export_folder(spacecraft, Path(folder), estimate)
+    return export_folder(given_spacecraft(spacecraft), Path(given_path(folder)), estimate_if_given(estimate))

@@ -39,7 +39,7 @@ class JointStates:
     load: np.ndarray | None = None
     temperature: np.ndarray | None = None
 
-    def __getitem__(self, part: slice) -> JointStates:
+    def instants(self, part: slice) -> JointStates:
         """Return the instants of a slice."""
         every = (getattr(self, f.name) for f in fields(self))
         return JointStates(*(None if x is None else x[part] for x in every))  # type: ignore[arg-type]

@@ -116,7 +116,7 @@ def joint_torques(
     for a, b in itertools.pairwise(edges):
         within = slice(int(starts[a]), int(starts[b]) if b < len(starts) else len(motion.time))
         q, v, acc = motion.q[within], motion.v[within], motion.a[within]
-        extra = [c for e in effects for c in effect_columns(e, model, states[within])]
+        extra = [c for e in effects for c in effect_columns(e, model, states.instants(within))]
         names, units = tuple(c.name for c in extra), tuple(c.unit for c in extra)
         rows = np.concatenate([links.torque(q, v, acc), *(c.values[:, :, None] for c in extra)], axis=2)
         averages.append(np.add.reduceat(rows, starts[a:b] - within.start, axis=0))

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import TypeAdapter
 from scipy import stats
 
+from smsid._by_name import ByName, no_such_name
 from smsid._files import atomic_write
 from smsid._reading import reading_document
 from smsid._short_repr import short_repr
@@ -80,7 +81,7 @@ class Failure:
 
 @short_repr
 @dataclass(frozen=True)
-class Summary:
+class Summary(ByName[ParameterSummary]):
     """A campaign in figures. ``level`` is the family-wise probability that a band is left by chance."""
 
     runs: int
@@ -94,11 +95,16 @@ class Summary:
         """Number of runs that ended in an error."""
         return sum(f.count for f in self.failures)
 
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the parameters."""
+        return tuple(p.name for p in self.parameters)
+
     def __getitem__(self, name: str) -> ParameterSummary:
+        """Give the parameter of a name; raise `KeyError` where there is none."""
         for p in self.parameters:
             if p.name == name:
                 return p
-        raise KeyError(name)
+        no_such_name(name, self.keys())
 
     def to_json(self) -> str:
         """Return the JSON text, with whether the bands hold; what cannot be told is null."""

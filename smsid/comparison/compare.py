@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2, norm
 
+from smsid._given import PathLike, given_estimate, given_spacecraft
 from smsid.comparison._added_body import Propellant, added_body
 from smsid.comparison._common_basis import Common, common_basis
 from smsid.comparison._explanations import Differences, Explained, explain
@@ -23,9 +24,9 @@ UNEXPLAINED = 1e-3  # probability of what is left below which something else has
 
 
 def compare(
-    first: Estimate,
-    second: Estimate,
-    description: Description | None = None,
+    first: Estimate | PathLike,
+    second: Estimate | PathLike,
+    description: Description | PathLike | None = None,
     *,
     names: tuple[str, str] | None = None,
 ) -> Comparison:
@@ -36,7 +37,7 @@ def compare(
     differences are smaller than their covariances say.
 
     Args:
-        first: before.
+        first: before; it and the others may be paths of their files.
         second: after, of the same spacecraft with the same names of links and effects.
         description: what both were identified from, which knows links, tanks and kinds of effects; without,
             names alone are used.
@@ -44,7 +45,10 @@ def compare(
 
     Raises:
         DescriptionError: the description's model cannot be built.
+        EstimateError: what is given is no estimate.
     """
+    first, second = given_estimate(first), given_estimate(second)
+    description = None if description is None else given_spacecraft(description)
     model = None if description is None else build_model(description)
     common = common_basis(first, second, _sizes(model))
     called = names or (", ".join(first.recordings) or "first", ", ".join(second.recordings) or "second")

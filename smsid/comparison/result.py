@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import TypeAdapter
 
+from smsid._by_name import ByName, no_such_name
 from smsid._files import atomic_write, json_ready
 from smsid._reading import SCHEMA_VERSION, reading_document
 from smsid._short_repr import ShortRepr
@@ -91,7 +92,7 @@ class FindingQuantity:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(ByName[FindingQuantity]):
     """What explains differences, in words and numbers.
 
     ``subject`` is the link, body or effect it is at. ``p_value``: of the differences it explains, by chance
@@ -106,16 +107,20 @@ class Finding:
     p_value: float = 0.0
     others: tuple[str, ...] = ()
 
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the quantities."""
+        return tuple(q.name for q in self.quantities)
+
     def __getitem__(self, name: str) -> FindingQuantity:
         """Give the quantity of a name; raise `KeyError` where there is none."""
         for q in self.quantities:
             if q.name == name:
                 return q
-        raise KeyError(name)
+        no_such_name(name, self.keys())
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(ShortRepr):
+class Comparison(ByName[ParameterChange], ShortRepr):
     """What changed from the ``first`` to the ``second`` estimate.
 
     ``statistic`` is the chi-squared of all differences together with ``freedom`` degrees of freedom, by both
@@ -135,12 +140,16 @@ class Comparison(ShortRepr):
     left: float | None = None
     notes: tuple[str, ...] = ()
 
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the parameters that are compared."""
+        return tuple(p.name for p in self.parameters)
+
     def __getitem__(self, name: str) -> ParameterChange:
         """Give the change of the parameter of a name; raise `KeyError` where there is none."""
         for p in self.parameters:
             if p.name == name:
                 return p
-        raise KeyError(name)
+        no_such_name(name, self.keys())
 
     @property
     def changed(self) -> bool:

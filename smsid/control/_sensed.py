@@ -89,7 +89,7 @@ class SensedState:
                     sensors=[s.name for s in sensors],
                 )
             if owner is not None and isinstance(rng, NoiseStreams):
-                fresh = partial(rng.__getitem__, f"{owner.name}.{quantity}")
+                fresh = partial(rng.generator, f"{owner.name}.{quantity}")
                 self.streams[quantity] = _stream(owner, quantity, size, duration, owner.rate, fresh)
             elif owner is not None:
                 seed = int(np.random.default_rng(rng.integers(2**63)).integers(2**63))

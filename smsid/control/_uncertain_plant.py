@@ -243,7 +243,7 @@ def _interval(name: str, at: Parameters, estimate: Estimate) -> tuple[float, flo
     if ".damping" in name:
         low, high = max(0.0, found.value - half), max(0.0, found.value + half)
         return 0.5 * (low + high), 0.5 * (high - low)
-    return at[name], half
+    return at.scalar(name), half
 
 
 def _mass_matrix(model: SpacecraftModel, q: np.ndarray, change: np.ndarray | None) -> np.ndarray:

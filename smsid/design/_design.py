@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from smsid._given import PathLike, given_spacecraft
 from smsid._short_repr import short_repr
 from smsid._threads import single_threaded
 from smsid.description.schema import Description
@@ -42,7 +43,7 @@ QUICK = 0.4  # effort for a motion while its duration is sought
 
 @single_threaded
 def design_experiment(
-    description: Description,
+    description: Description | PathLike,
     wanted: Sequence[str],
     *,
     mode: Mode = "auto",
@@ -59,7 +60,8 @@ def design_experiment(
     """Return the experiment that tells most about what is wanted.
 
     Args:
-        description: the spacecraft with its sensors and their noise; predictions are for its values.
+        description: the spacecraft with its sensors and their noise, or the path of its file; predictions
+            are for its values.
         wanted: what is to be found out, see `smsid.design._goal.goal_of`.
         mode: ``thrust``: attitude held, arm and wheels locked (the paper's Exp. 1); ``motion``: joints and
             wheels move, free floating (Exp. 2); ``auto``: motion if anything asked for needs it.
@@ -79,7 +81,7 @@ def design_experiment(
     Raises `ExperimentError` for a goal that stands for nothing, limits that cannot be kept, or a precision
     out of reach; it names the limit in the way.
     """
-    limits = limits or Limits()
+    description, limits = given_spacecraft(description), limits or Limits()
     if criterion not in CRITERIA:
         raise ExperimentError(f"There is no criterion '{criterion}'.", advice=f"Use {', '.join(CRITERIA)}.")
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):

@@ -21,6 +21,7 @@ from smsid.model.spacecraft import SpacecraftModel
 Criterion = Literal["worst", "A", "D"]
 CRITERIA: tuple[str, ...] = get_args(Criterion)
 SHARP = 8.0  # power of the mean that stands for the worst: within 9 % of it for four parameters
+TRANSLATION = {"position", "velocity", "acceleration"}  # quantities of sensors that show it
 SYMBOLS = {"b_s": "damping", "k_s": "stiffness", "m_s": "mass"}
 
 
@@ -102,15 +103,14 @@ def goal_of(
     A word is a group - ``slosh``, ``panel`` (``appendage``), ``mass``, ``inertia`` -, a symbol of the paper
     (``b_s``, ``k_s``, ``m_s``), the name of an effect, of a parameter as `smsid identify` prints it, or a
     pattern of such names with ``*``. ``motion`` is any free-floating motion that shows all inertial
-    combinations; without one they cannot be asked for.
+    combinations that the described sensors can tell; without one they cannot be asked for.
 
     Raises `ExperimentError` for a word that stands for nothing.
     """
-    found = effects_and_mass(parameters, parameters)
+    model, found = parameters.layout.model, effects_and_mass(parameters, parameters)
     rigid: list[Combination] = []
     if motion is not None:
-        rigid, _, _ = inertial(parameters, parameters, [motion])
-    model = parameters.layout.model
+        rigid, _, _ = inertial(parameters, parameters, [motion], translation=measures_translation(model))
     everything = [*found, *rigid]
     chosen: dict[str, Combination] = {}
     for word in wanted:
@@ -137,6 +137,12 @@ def goal_of(
         gradients=np.array([c.gradient for c in picked]),
         criterion=criterion,
     )
+
+
+def measures_translation(model: SpacecraftModel) -> bool:
+    """Return whether a described sensor shows where the spacecraft is, or how it speeds up."""
+    measured = {q for s in model.description.effective_sensors() for q in s.quantities}
+    return bool(measured & TRANSLATION)
 
 
 def needs_motion(parameters: Parameters, wanted: Sequence[str]) -> bool:

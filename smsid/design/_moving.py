@@ -72,6 +72,7 @@ def design_motion(
             f"'{model.description.name}' has neither arm joints nor wheels to move.",
             advice="Design a thrust: --mode thrust.",
         )
+    _check_measured(model)
     forecast = Forecast.of(model, duration)
     first = space.random(rng)
     _, generic = forecast.motion(space.experiment(first))
@@ -108,6 +109,21 @@ def design_motion(
         else:
             width = max(NARROWEST, width * SHRINK)
     return made, origin[1]
+
+
+def _check_measured(model: SpacecraftModel) -> None:
+    """Refuse joints and wheels that nothing measures: predictions take their motion as measured."""
+    sensors = [(s.kind, set(s.quantities)) for s in model.description.effective_sensors()]
+    for group, kind, *quantities in (
+        (model.arm_joints, "encoder", "joint_position", "joint_velocity"),
+        (model.wheels, "tachometer", "wheel_rate"),
+    ):
+        if len(group) and not any(k == kind and set(quantities) <= found for k, found in sensors):
+            raise ExperimentError(
+                f"No {kind} of '{model.description.name}' measures {' and '.join(quantities)} of "
+                f"{', '.join(group.names)}: designs are predicted from measured motion.",
+                advice=f"Add a [[sensor]] of kind {kind} with its noise to the description.",
+            )
 
 
 def within_limits(

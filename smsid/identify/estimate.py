@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from smsid._by_name import ByName, no_such_name
 from smsid._files import atomic_write
 from smsid.errors import EstimateError
 from smsid.identify.parameter_estimate import (
@@ -62,7 +63,7 @@ SHAPE = "shape "
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate:
+class Estimate(ByName[ParameterEstimate]):
     """An identified spacecraft, arm or structure; its parameters have names of their own.
 
     ``parameters`` in the order they were found; ``timing`` [s] by step; ``notes`` say what was refused and
@@ -112,16 +113,11 @@ class Estimate:
         for p in self.parameters:
             if p.name == name:
                 return p
-        import difflib
+        no_such_name(name, self.names)
 
-        close = difflib.get_close_matches(str(name), self.names, n=3)
-        raise KeyError(f"{name}; did you mean {' or '.join(map(repr, close))}?" if close else name)
-
-    def __contains__(self, name: object) -> bool:
-        return any(p.name == name for p in self.parameters)
-
-    def __len__(self) -> int:
-        return len(self.parameters)
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the parameters, which ``for`` gives; their objects are in ``parameters``."""
+        return self.names
 
     @property
     def held(self) -> dict[str, float]:
@@ -132,9 +128,6 @@ class Estimate:
     def shapes(self) -> dict[str, float]:
         """Return the rates [rad/s | m/s] ``<effect>.<field>`` found beside parameters: widths of a sign."""
         return {k.removeprefix(SHAPE): x for k, x in self.conditions.items() if k.startswith(SHAPE)}
-
-    def __bool__(self) -> bool:
-        return True
 
     @property
     def names(self) -> tuple[str, ...]:

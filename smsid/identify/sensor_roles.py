@@ -28,36 +28,18 @@ class Roles:
 
     @classmethod
     def of(cls, model: SpacecraftModel, recording: Recording, *, joints: bool = True) -> Roles:
-        """Find the sensors whose channels the recording has; ``joints``: encoders and tachometers are needed.
+        """Find the sensors that the paper's method takes, as far as the recording has their channels.
 
-        Raises `RecordingError` naming what is missing.
+        ``joints``: encoders and tachometers are needed. Raises `RecordingError` naming what is missing.
         """
 
-        known = model.description.effective_sensors()
-
         def find(kind: str, quantities: tuple[str, ...], needed: bool) -> Sensor | None:
-            sensors = [s for s in known if s.kind == kind and set(quantities) <= set(s.quantities)]
-            found = [s for s in sensors if all(f"{s.name}.{q}" in recording for q in quantities)]
-            if found:
-                return min(found, key=lambda s: _noise(s, quantities[0]))
-            if needed:
-                wanted = [f"{s.name}.{q}" for s in sensors for q in quantities]
-                raise RecordingError(
-                    f"Recording '{recording.name}' has no {kind} with {', '.join(quantities)}.",
-                    advice=f"It needs the channels {', '.join(wanted)}."
-                    if wanted
-                    else f"The description needs a sensor of kind '{kind}' that measures them.",
-                    missing=wanted,
-                    present=list(recording.channels),
-                    other_flight=True,
-                )
-            return None
+            return (needed_sensor if needed else find_sensor)(model, recording, kind, quantities)
 
-        imu = find("imu", ("acceleration", "angular_rate"), True)
-        assert imu is not None
+        imu = needed_sensor(model, recording, "imu", ("acceleration", "angular_rate"))
         panels = {
             str(s.appendage): s
-            for s in known
+            for s in model.description.effective_sensors()
             if s.kind == "accelerometers" and f"{s.name}.acceleration" in recording
         }
         return cls(
@@ -70,6 +52,39 @@ class Roles:
             tachometer=find("tachometer", ("wheel_rate",), joints and len(model.wheels) > 0),
             panels=panels,
         )
+
+
+def find_sensor(
+    model: SpacecraftModel, recording: Recording, kind: str, quantities: tuple[str, ...]
+) -> Sensor | None:
+    """Return the quietest sensor of a kind whose channels of these quantities the recording has, if any."""
+    sensors = _described(model, kind, quantities)
+    found = [s for s in sensors if all(f"{s.name}.{q}" in recording for q in quantities)]
+    return min(found, key=lambda s: _noise(s, quantities[0]), default=None)
+
+
+def needed_sensor(
+    model: SpacecraftModel, recording: Recording, kind: str, quantities: tuple[str, ...]
+) -> Sensor:
+    """Return the same; raises `RecordingError` naming what is missing where there is none."""
+    found = find_sensor(model, recording, kind, quantities)
+    if found is not None:
+        return found
+    wanted = [f"{s.name}.{q}" for s in _described(model, kind, quantities) for q in quantities]
+    raise RecordingError(
+        f"Recording '{recording.name}' has no {kind} with {', '.join(quantities)}.",
+        advice=f"It needs the channels {', '.join(wanted)}."
+        if wanted
+        else f"The description needs a sensor of kind '{kind}' that measures them.",
+        missing=wanted,
+        present=list(recording.channels),
+        other_flight=True,
+    )
+
+
+def _described(model: SpacecraftModel, kind: str, quantities: tuple[str, ...]) -> list[Sensor]:
+    known = model.description.effective_sensors()
+    return [s for s in known if s.kind == kind and set(quantities) <= set(s.quantities)]
 
 
 def _noise(sensor: Sensor, quantity: str) -> float:

@@ -15,11 +15,12 @@ import numpy as np
 from smsid.identify.estimate import ParameterEstimate
 from smsid.identify.momentum_rows import ParameterSplit, carried_by_bus, first_moments, skew
 from smsid.identify.robust import white_sigma
-from smsid.identify.sensor_roles import Roles
+from smsid.identify.sensor_roles import find_sensor
 from smsid.model.identifiable import BaseParameters, base_parameters
 from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
+from smsid.sensing import Sensor
 
 BLOCK = 11  # samples whose median is looked at: single spikes do not count, nor missing samples
 FAR = 2.0  # standard deviations of a sample; noise alone moves the medians of a long record by 1.5
@@ -49,10 +50,10 @@ class StationaryJoints:
         """Return what stands still: readings that stay as near to one value as their noise lets them."""
         if not (len(model.arm_joints) or len(model.wheels)):
             return cls()
-        roles = Roles.of(model, recording)
         joints, wheels = (np.ones(len(group), dtype=bool) for group in (model.arm_joints, model.wheels))
-        sources = [(joints, roles.encoder, q) for q in ("joint_position", "joint_velocity")]
-        for still, sensor, quantity in [*sources, (wheels, roles.tachometer, "wheel_rate")]:
+        encoder, tachometer = motion_sensors(model, recording)
+        sources = [(joints, encoder, q) for q in ("joint_position", "joint_velocity")]
+        for still, sensor, quantity in [*sources, (wheels, tachometer, "wheel_rate")]:
             if sensor is None:
                 continue
             values = recording[f"{sensor.name}.{quantity}"]
@@ -67,11 +68,11 @@ class StationaryJoints:
         """Return the recording with what stands still at one value: joints without rate, wheels at theirs."""
         if not self:
             return recording
-        roles, channels = Roles.of(model, recording), {}
+        (encoder, tachometer), channels = motion_sensors(model, recording), {}
         for chosen, sensor, quantity in (
-            (self.joints, roles.encoder, "joint_position"),
-            (self.joints, roles.encoder, "joint_velocity"),
-            (self.wheels, roles.tachometer, "wheel_rate"),
+            (self.joints, encoder, "joint_position"),
+            (self.joints, encoder, "joint_velocity"),
+            (self.wheels, tachometer, "wheel_rate"),
         ):
             if chosen and sensor is not None:
                 values = np.array(recording[f"{sensor.name}.{quantity}"], dtype=float)
@@ -97,6 +98,12 @@ class StationaryJoints:
                 "scale comes from the others alone"
             )
         return found
+
+
+def motion_sensors(model: SpacecraftModel, recording: Recording) -> tuple[Sensor | None, Sensor | None]:
+    """Return the encoder of the arm's joints and the tachometer of the wheels, as far as there are some."""
+    encoder = find_sensor(model, recording, "encoder", ("joint_position", "joint_velocity"))
+    return encoder, find_sensor(model, recording, "tachometer", ("wheel_rate",))
 
 
 def resting_value(values: np.ndarray, quantity: str) -> float:

@@ -65,7 +65,7 @@ def profile_of(
     # at the maximum itself: the search stops within a hundredth of sigma of it
     best = minimise(fit.pieces, fit.point, prior, None)
     sigma = float(np.sqrt(np.linalg.inv(best.normal.information)[index, index])) * scalars[name].slope
-    centre = best.point.parameters[name]
+    centre = best.point.parameters.scalar(name)
     rise = float(chdtri(1, 1.0 - level))
 
     def excess(value: float, near: SearchPoint) -> tuple[float, SearchPoint]:

@@ -8,7 +8,7 @@ includes its wheels and undeformed appendages.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,9 +59,14 @@ def effects_and_mass(at: Parameters, described: Parameters) -> list[Combination]
 
 
 def inertial(
-    at: Parameters, described: Parameters, predictions: Sequence[Prediction]
+    at: Parameters, described: Parameters, predictions: Sequence[Prediction], *, translation: bool = True
 ) -> tuple[list[Combination], BaseParameters | None, tuple[str, ...]]:
-    """Return the identifiable inertial combinations of free-floating motions, their base and its columns."""
+    """Return the identifiable inertial combinations of free-floating motions, their base and its columns.
+
+    Without ``translation`` nothing measures where the spacecraft is or how it accelerates, and mass and
+    centre of mass show in nothing: the angular momentum about it alone tells combinations apart. Of a lone
+    bus these are the inertias about its centre of mass, ``bus.Icxx``.
+    """
     if not predictions:
         return [], None, ()
     model = at.layout.model
@@ -69,6 +74,10 @@ def inertial(
     theta, jacobian = at.theta(), at.theta_jacobian()
     parts = ParameterSplit.of(model, regressor, bus_first=True)
     bus = regressor.names.index(f"{regressor.bodies[0]}.m")
+    if not translation:
+        columns = [bus, *parts.unknown]
+        names, units = ([every[i] for i in columns] for every in (regressor.names, regressor.units))
+        parts = replace(parts, unknown=columns, names=tuple(names), units=tuple(units))
     total = float(theta[::SIZE].sum())
     rows, spins, known = [], [], []
     for prediction in predictions:
@@ -78,16 +87,18 @@ def inertial(
         moments = first_moments(model, regressor, q[chosen])
         cm = moments @ theta / total
         spin = y[:, 3:] - skew(cm) @ y[:, :3]
-        for full in (spin, moments):
+        for full in (spin, moments) if translation else (spin,):
             free = full[:, :, parts.unknown].copy()
             for k, i in enumerate(parts.unknown):
-                if regressor.names[i].endswith(".m"):
+                if translation and regressor.names[i].endswith(".m"):  # the total mass is told
                     free[:, :, k] -= full[:, :, bus]
             rows.append(free.reshape(-1, len(parts.unknown)))
             if full is spin:
                 spins.append(rows[-1])
         known.append((spin[:, :, parts.known] @ theta[parts.known]).ravel())
-    base = base_parameters(np.vstack(rows), parts.names, parts.units)
+    own = {f"{regressor.bodies[0]}.{x}" for x in ("m", "mx", "my", "mz")}  # lumped where they are not told
+    prefer = () if translation else [i for i, name in enumerate(parts.names) if name not in own]
+    base = base_parameters(np.vstack(rows), parts.names, parts.units, prefer=prefer)
     to_bus = carried_matrix(model, regressor)
     matrix = base.matrix @ (np.eye(len(theta)) + to_bus)[parts.unknown]
     values, nominal = matrix @ theta, matrix @ described.theta()
@@ -96,7 +107,7 @@ def inertial(
     shares = sizes / (float(np.linalg.norm(np.concatenate(known))) or float(sizes.max()))
     kinds = [kind_of(name) for name in base.names]
     found = []
-    for i, name in enumerate(base.names):
+    for i, name in enumerate(base.names if translation else _about_centre(base.names, parts.names)):
         reference = None
         if shares[i] < SMALL:
             reference = max(abs(x) for x, other in zip(values, kinds, strict=True) if other == kinds[i])
@@ -111,3 +122,11 @@ def inertial(
             )
         )
     return found, base, parts.names
+
+
+def _about_centre(combinations: Sequence[str], names: Sequence[str]) -> Sequence[str]:
+    """Return the names of inertias of a lone bus, its ``names`` (10,), with mass and first moments lumped."""
+    leads = [name.split(" ")[0] for name in combinations]
+    if len(names) > SIZE or any(".I" not in lead for lead in leads):
+        return combinations
+    return [lead.replace(".I", ".Ic") for lead in leads]

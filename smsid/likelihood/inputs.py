@@ -13,8 +13,8 @@ from smsid.errors import DescriptionError, RecordingError
 from smsid.identify.clocks import event_times
 from smsid.identify.commanded import actual_thrust, excited_axes
 from smsid.identify.robust import white_sigma
-from smsid.identify.sensor_roles import Roles
-from smsid.identify.stationary_joints import StationaryJoints, resting_value
+from smsid.identify.sensor_roles import find_sensor, needed_sensor
+from smsid.identify.stationary_joints import StationaryJoints, motion_sensors, resting_value
 from smsid.likelihood.spline import DerivativeSamples, FittedMotion, fit_motion
 from smsid.model.spacecraft import SpacecraftModel, set_group_angles
 from smsid.recording import Recording
@@ -22,6 +22,15 @@ from smsid.sensing import Sensor
 
 PROBES = 21
 QUIET = 1e-6  # of its noise that is left of a joint or wheel that stands still
+MAIN = (
+    ("imu", "acceleration", "angular_rate"),
+    ("imu", "angular_rate"),
+    ("pose", "attitude"),
+    ("pose", "position"),
+    ("pose", "velocity"),
+    ("imu", "acceleration"),
+)
+"""Kinds of sensors with their quantities: the first that a recording has counts its samples."""
 SHORTEST = 0.1  # [s] between knots of a measured motion
 
 
@@ -95,32 +104,31 @@ def measured_drive(
     something moves freely that the refinement cannot predict.
     """
     held = bool(excited_axes(recording))
-    roles = Roles.of(model, recording, joints=False)
     locked = {int(i) for i in (*model.arm_joints.v, *model.wheels.v)} | ({3, 4, 5} if held else set())
     free = np.array([i for i in range(model.nv) if i not in locked])
     _check_free(model, free, start, stop)
     home = model.home.copy()
-    if held and roles.encoder is not None:
-        angles = np.nanmedian(recording[f"{roles.encoder.name}.joint_position"], axis=0)
+    encoder, tachometer = motion_sensors(model, recording)
+    if held and encoder is not None:
+        angles = np.nanmedian(recording[f"{encoder.name}.joint_position"], axis=0)
         home = set_group_angles(model.arm_joints, home, angles)
     thrust = _thrust(model, recording, held)
     if held:
         return DrivenMotion(free, home, True, thrust, None, None)
     joints, wheels = None, None
-    still, moving = StationaryJoints.of(model, recording), Roles.of(model, recording, joints=True)
-    rate = _rate(recording, roles.imu)
+    still, rate = StationaryJoints.of(model, recording), _rate(model, recording)
     if len(model.arm_joints):
-        assert moving.encoder is not None
+        encoder = needed_sensor(model, recording, "encoder", ("joint_position", "joint_velocity"))
         samples = [
-            _quieten(_samples(recording, moving.encoder, name, order, described_noise), name, still.joints)
+            _quieten(_samples(recording, encoder, name, order, described_noise), name, still.joints)
             for order, name in enumerate(("joint_position", "joint_velocity"))
         ]
-        joints = fit_motion(samples, start, stop, rate, SHORTEST, moving.encoder.name)
+        joints = fit_motion(samples, start, stop, rate, SHORTEST, encoder.name)
     if len(model.wheels):
-        assert moving.tachometer is not None
-        sample = _samples(recording, moving.tachometer, "wheel_rate", 1, described_noise)
+        tachometer = needed_sensor(model, recording, "tachometer", ("wheel_rate",))
+        sample = _samples(recording, tachometer, "wheel_rate", 1, described_noise)
         sample = _quieten(sample, "wheel_rate", still.wheels)
-        wheels = fit_motion([sample], start, stop, rate, SHORTEST, moving.tachometer.name)
+        wheels = fit_motion([sample], start, stop, rate, SHORTEST, tachometer.name)
         _check_covered(sample, start, stop, wheels.spacing)
     return DrivenMotion(free, home, False, thrust, joints, wheels)
 
@@ -140,8 +148,18 @@ def _check_covered(sample: DerivativeSamples, start: float, stop: float, longest
         )
 
 
-def _rate(recording: Recording, imu: Sensor) -> float:
-    return 1.0 / float(np.median(np.diff(recording.time(f"{imu.name}.angular_rate"))))
+def _rate(model: SpacecraftModel, recording: Recording) -> float:
+    """Return the sampling rate [Hz] of the motion's main sensor: the first of `MAIN` that is there."""
+    for kind, *quantities in MAIN:
+        sensor = find_sensor(model, recording, kind, tuple(quantities))
+        if sensor is not None:
+            return 1.0 / float(np.median(np.diff(recording.time(f"{sensor.name}.{quantities[-1]}"))))
+    raise RecordingError(
+        f"Recording '{recording.name}' has no sensor of the spacecraft's motion.",
+        advice="It needs channels of a sensor of kind imu or pose.",
+        present=list(recording.channels),
+        other_flight=True,
+    )
 
 
 def _samples(

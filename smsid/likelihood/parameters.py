@@ -94,7 +94,8 @@ class Parameters:
         """Return where a scalar stands in the vector."""
         return self.inertias.size + [s.name for s in self.scalars].index(name)
 
-    def __getitem__(self, name: str) -> float:
+    def scalar(self, name: str) -> float:
+        """Return the value of a scalar, in its unit."""
         return next(s.value for s in self.scalars if s.name == name)
 
     def moved(self, step: np.ndarray) -> Parameters:
@@ -127,9 +128,9 @@ class Parameters:
         for j, own in zip(self.layout.bodies, self.inertias, strict=True):
             out[SIZE * (j - 1) : SIZE * j] += own
         for tank in self.layout.model.slosh:
-            out[SIZE * (tank.joint - 1)] += self[f"{tank.name}.mass"]
+            out[SIZE * (tank.joint - 1)] += self.scalar(f"{tank.name}.mass")
         for name, part in self.layout.appendages.items():
-            out += self[f"{name}.density_factor"] * part
+            out += self.scalar(f"{name}.density_factor") * part
         return out
 
     def theta_jacobian(self) -> np.ndarray:
@@ -156,7 +157,7 @@ class Parameters:
                 i = row[v]
                 for field, out, jacobian in (("stiffness", stiffness, dk), ("damping", damping, dd)):
                     name = f"{tank.name}.{field}.{axis}"
-                    out[i] = self[name]
+                    out[i] = self.scalar(name)
                     jacobian[i, self.index(name)] = self._slope(name)
         for joints in model.appendages:
             name = joints.appendage.name
@@ -164,20 +165,24 @@ class Parameters:
             for k, (j, scale) in enumerate(zip(joints.joints, joints.scale, strict=True), start=1):
                 i = row[model.pin.joints[j].idx_v]
                 f_key, z_key = f"{name}.mode{k}.frequency", f"{name}.mode{k}.damping"
-                omega, zeta, mass = 2 * np.pi * self[f_key], self[z_key], scale**2 * self[key]
+                omega, zeta, mass = (
+                    2 * np.pi * self.scalar(f_key),
+                    self.scalar(z_key),
+                    scale**2 * self.scalar(key),
+                )
                 stiffness[i], damping[i] = mass * omega**2, 2 * zeta * omega * mass
-                relative = self._slope(key) / self[key]
+                relative = self._slope(key) / self.scalar(key)
                 dk[i, self.index(key)], dd[i, self.index(key)] = (
                     stiffness[i] * relative,
                     damping[i] * relative,
                 )
-                relative = self._slope(f_key) / self[f_key]
+                relative = self._slope(f_key) / self.scalar(f_key)
                 dk[i, self.index(f_key)] = 2 * stiffness[i] * relative
                 dd[i, self.index(f_key)] = damping[i] * relative
                 dd[i, self.index(z_key)] = 2 * omega * mass
             for i in (row[model.pin.joints[m.joint].idx_v] for m in joints.more):
-                stiffness[i], damping[i] = stiffness[i] * self[key], damping[i] * self[key]
-                relative = self._slope(key) / self[key]
+                stiffness[i], damping[i] = stiffness[i] * self.scalar(key), damping[i] * self.scalar(key)
+                relative = self._slope(key) / self.scalar(key)
                 dk[i, self.index(key)], dd[i, self.index(key)] = (
                     stiffness[i] * relative,
                     damping[i] * relative,
@@ -207,7 +212,7 @@ class Parameters:
         for joints in self.layout.model.appendages:
             part = joints.appendage
             own = {s.name: max(s.value, 0.0) for s in self.scalars if s.name.startswith(f"{part.name}.mode")}
-            panel = part.as_modal(self[f"{part.name}.density_factor"], part.described_modes(d.effect))
+            panel = part.as_modal(self.scalar(f"{part.name}.density_factor"), part.described_modes(d.effect))
             panels.append(panel.with_values(own))
         return as_described(d.with_effects(*effects), panels)
 

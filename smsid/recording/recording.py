@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from smsid._by_name import ByName
 from smsid._listing import did_you_mean
 from smsid._short_repr import ShortRepr
 from smsid._time_text import stamp_text
@@ -27,7 +28,7 @@ FloatArray = NDArray[np.float64]
 Role = Literal["estimation", "validation", "unspecified"]
 
 
-class Recording(ShortRepr):
+class Recording(ByName[FloatArray], ShortRepr):
     """Measured or simulated channels ``<source>.<quantity>`` in the units and frames of the catalogue.
 
     The channels share the clock ``time`` [s], except for a source that has its own, ``<source>.time``. All
@@ -95,9 +96,6 @@ class Recording(ShortRepr):
         """Give the samples of a channel, (N, ...), read-only; raise `RecordingError` if it is not there."""
         self.require(name)
         return _freeze(self._data.channels[name][1])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.channels)
 
     def keys(self) -> tuple[str, ...]:
         """Return the names of the channels, so that `dict` knows what to do with a recording."""

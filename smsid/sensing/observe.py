@@ -87,7 +87,7 @@ def observe(
         times = shared if sensor.rate == rate else sample_times(start, stop, sensor.rate)
         for quantity, channel in zip(sensor.quantities, sensor.channels, strict=True):
             ideal = true_values(channel, sensor.rate, times, sensor.error(quantity).lag)
-            measured = sensor.measure(quantity, times, ideal, streams[channel], delayed=True)
+            measured = sensor.measure(quantity, times, ideal, streams.generator(channel), delayed=True)
             channels[channel] = measured if times is shared else (times, measured)
     for channel in exact:
         if channel in channels:
@@ -141,7 +141,7 @@ def add_noise(recording: Recording, sensors: Sequence[Sensor], rng: np.random.Ge
                     np.clip(times - delay, source[0], source[-1]),
                     attitude=quantity == "attitude",
                 )
-            values = sensor.measure(quantity, times, values, streams[channel], delayed=True)
+            values = sensor.measure(quantity, times, values, streams.generator(channel), delayed=True)
             measured[channel] = values if times is source else (times, values)
     dropped = [c for c in recording.channels if c.split(".")[0] in names and c not in measured]
     note = {**_note(sensors, streams), "dropped": dropped}
@@ -176,7 +176,7 @@ class NoiseStreams:
         self.entropy: Any = root.entropy
         self.key: tuple[int, ...] = tuple(root.spawn_key)
 
-    def __getitem__(self, channel: str) -> np.random.Generator:
+    def generator(self, channel: str) -> np.random.Generator:
         """Return a channel's generator, at its beginning."""
         key = (*self.key, zlib.crc32(channel.encode()))
         return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=key))

@@ -63,7 +63,7 @@ class Tracker:
         self,
         description: Description,
         *,
-        follow: Mapping[str, Rate] | None = None,
+        follow: Mapping[str, Rate] | Sequence[str] | None = None,
         hold: Sequence[str] = (),
         estimate: Estimate | None = None,
         cad: Cad | None = UNCERTAIN,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from numbers import Real
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class StartingPoint:
 def followed_parameters(
     description: Description,
     *,
-    follow: Mapping[str, Rate] | None = None,
+    follow: Mapping[str, Rate] | Sequence[str] | None = None,
     hold: Sequence[str] = (),
     estimate: Estimate | None = None,
     cad: Cad | None = UNCERTAIN,
@@ -75,9 +76,9 @@ def followed_parameters(
         description: as it is followed; its values are the means, its priors the standard deviations. Where it
             states none, a parameter may be off by `UNCERTAIN` of its size.
         follow: rates of random walks [unit / sqrt(s)] by name or pattern (``tank.*``); ``None`` is the usual
-            one, `DRIFT` of the size in an hour. A pair also says how steadily it may change [unit / s]: its
-            trend, as far from zero as that, is followed as a parameter more. Only these are followed; all
-            unknown parameters when not given.
+            one, as of names alone, `DRIFT` of the size in an hour. A pair also says how steadily it may
+            change [unit / s]: its trend, as far from zero as that, is followed as a parameter more. Only
+            these are followed; all unknown parameters when not given.
         hold: names or patterns that are not followed.
         estimate: what is known beforehand, with its covariance; of single parameters and of combinations.
         cad: what is known of rigid bodies, as in `smsid.likelihood.refine`.
@@ -147,24 +148,36 @@ def trends_of(followed: Sequence[Followed]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rates(
-    every: Sequence[Unknown], follow: Mapping[str, Rate] | None, hold: Sequence[str]
+    every: Sequence[Unknown], follow: Mapping[str, Rate] | Sequence[str] | None, hold: Sequence[str]
 ) -> dict[str, tuple[float | None, float]]:
     """Return the rates by name of what is followed, ``None`` for the usual one, and trends, zero for none."""
     names = [u.name for u in every]
-    out: dict[str, tuple[float | None, float]] = {} if follow else dict.fromkeys(names, (None, 0.0))
-    for pattern, given in (follow or {}).items():
+    asked = follow if isinstance(follow, Mapping) else dict.fromkeys(_patterns("follow", follow))
+    out: dict[str, tuple[float | None, float]] = {} if asked else dict.fromkeys(names, (None, 0.0))
+    for pattern, given in asked.items():
         rate, trend = given if isinstance(given, tuple) else (given, 0.0)
-        if any(x is not None and not (np.isfinite(x) and x >= 0.0) for x in (rate, trend)):
+        if not all(x is None or (isinstance(x, Real) and 0.0 <= float(x) < np.inf) for x in (rate, trend)):
             raise DescriptionError(
                 f"The rate of '{pattern}' is {given}.",
                 advice="Give zero or more, in its unit per sqrt(s); a trend per second.",
             )
         for name in _matching_names(pattern, names):
             out[name] = rate, trend
-    for pattern in hold:
+    for pattern in _patterns("hold", hold):
         for name in _matching_names(pattern, names):
             out.pop(name, None)
     return out
+
+
+def _patterns(option: str, given: Sequence[str] | None) -> list[str]:
+    """Return names or patterns that are given, of which a single one may stand without a list."""
+    found = [given] if isinstance(given, str) else given or ()
+    if not isinstance(found, Iterable) or not all(isinstance(x, str) for x in found):
+        raise DescriptionError(
+            f"{option} is of type {type(given).__name__}, not names of parameters.",
+            advice='Give their names or patterns: ["tank.*"].',
+        )
+    return list(found)
 
 
 def _matching_names(pattern: str, names: Sequence[str]) -> list[str]:

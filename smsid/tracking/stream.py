@@ -55,7 +55,7 @@ class Stream:
         description: Description,
         *,
         tracker: Tracker | None = None,
-        follow: Mapping[str, Rate] | None = None,
+        follow: Mapping[str, Rate] | Sequence[str] | None = None,
         hold: Sequence[str] = (),
         estimate: Estimate | None = None,
         begin: float = BEGIN,

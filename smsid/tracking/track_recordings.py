@@ -52,7 +52,7 @@ def track_recordings(
     description: Description,
     recordings: Sequence[Recording],
     *,
-    follow: Mapping[str, Rate] | None = None,
+    follow: Mapping[str, Rate] | Sequence[str] | None = None,
     hold: Sequence[str] = (),
     estimate: Estimate | None = None,
     cad: Cad | None = UNCERTAIN,

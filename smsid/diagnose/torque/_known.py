@@ -88,7 +88,7 @@ def _beyond_links(equations: TorqueEquations) -> tuple[str, ...]:
     from smsid.arm.motion import measured_states
 
     motion = equations.motion
-    _, names, _ = torque_rows(equations.model, measured_states(motion)[:1])
+    _, names, _ = torque_rows(equations.model, measured_states(motion).instants(slice(1)))
     return names[Regressor(equations.model).columns :]
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smsid._by_name import ByName, no_such_name
 from smsid._short_repr import short_repr
 from smsid.errors import NotIdentifiableError, SmsidError
 from smsid.identify._tls import total_least_squares
@@ -93,7 +94,7 @@ class AxisData:
 
 @short_repr
 @dataclass(frozen=True)
-class AxisEstimate:
+class AxisEstimate(ByName[tuple[float, float]]):
     """What one axis of Exp. 1 says.
 
     ``names``, ``values``, ``covariance`` of the physical parameters: M, per tank m_s, k_s, b_s, and rho.
@@ -114,8 +115,14 @@ class AxisEstimate:
         """Standard deviations (n,) of ``values``."""
         return np.sqrt(np.diag(self.covariance))
 
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the parameters."""
+        return self.names
+
     def __getitem__(self, name: str) -> tuple[float, float]:
         """Return value and standard deviation of a parameter."""
+        if name not in self.names:
+            no_such_name(name, self.names)
         i = self.names.index(name)
         return float(self.values[i]), float(self.sigma[i])
 

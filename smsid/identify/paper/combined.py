@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from smsid._by_name import ByName, no_such_name
 from smsid._short_repr import short_repr
 from smsid.identify.paper._translation import AxisEstimate
 
@@ -55,7 +56,7 @@ class AxisAgreement:
 
 @short_repr
 @dataclass(frozen=True)
-class CombinedAxes:
+class CombinedAxes(ByName[tuple[float, float]]):
     """Parameters of several axes brought together: those that axes share are averaged where they agree.
 
     ``names``: the shared ones as they are (``M``, ``m_s``, ``rho``), the others with their axis (``k_s.x``).
@@ -73,13 +74,16 @@ class CombinedAxes:
         """Return, by name, the shared parameters in which axes contradict each other."""
         return {a.name: a for a in self.agreements if a.contradicts}
 
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the parameters."""
+        return self.names
+
     def __getitem__(self, name: str) -> tuple[float, float]:
         """Return value and standard deviation."""
+        if name not in self.names:
+            no_such_name(name, self.names)
         i = self.names.index(name)
         return float(self.values[i]), float(np.sqrt(self.covariance[i, i]))
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.names
 
     def directions(self) -> list[dict[str, float]]:
         """Return changes of the parameters, by name, whose outer products add up to the covariance.
