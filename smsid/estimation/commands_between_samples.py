@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -16,11 +17,11 @@ from smsid.estimation._normal_equations import (
     NormalEquations,
     log_likelihood_of,
     normal_equations,
-    objective_of,
+    prior_offset,
 )
 from smsid.estimation._trust_region import bounded_step, predicted_gain
 from smsid.estimation.flight import Flight
-from smsid.estimation.input_hold import input_channels
+from smsid.estimation.input_hold import VARYING, input_channels
 from smsid.estimation.input_timing import CLEAR_GAIN, HOPELESS_LOSS, PARTS, timings
 from smsid.estimation.loosening import MOST_SAMPLES
 from smsid.estimation.parameter_vector import Point, Unknown
@@ -146,17 +147,20 @@ def undecided_covariance(found: NormalEquations, flights: Sequence[Flight]) -> t
     """
     more, notes = np.zeros_like(found.gram), []
     for k, flight in enumerate(flights):
-        doubts = []
+        doubts, others = [], []
         for timing, share, step in _other_ways(found, flights, k):
             more += share * np.outer(step, step)
             if share * float(step @ found.gram @ step) > NEGLIGIBLE_SHIFT**2:
+                others.append(timing)
                 doubts.append(f"{timing.words} with a probability of {100 * share:.2g} %")
         if doubts:
+            advice = "Record commands at a higher rate"
+            if not all(t.hold in VARYING for t in (flight.problem.timing, *others)):
+                advice += ', or say which by `inputs = "held"` or `"linear"` in [recording] of the mapping'
             notes.append(
                 f"{flight.label}: nothing tells how commands go on between samples: taken as "
-                f"{flight.problem.timing.words}, they are {', '.join(doubts)}, which intervals include. Say "
-                'which by `inputs = "held"` or `"linear"` in [recording] of the mapping, or record commands '
-                "at a higher rate"
+                f"{flight.problem.timing.words}, they are {', '.join(doubts)}, which intervals include. "
+                f"{advice}"
             )
     return more, notes
 
@@ -177,11 +181,14 @@ def _other_ways(
     if not ways:
         return []
 
+    def likelihood(at: Point, own: Sequence[Flight]) -> float:
+        return log_likelihood_of(at, own) - 0.5 * float(np.sum(prior_offset(at, unknowns) ** 2))
+
     def own_walks(timing: CommandTiming) -> list[Flight]:
         return [_with_likely_walks(point, f) for f in _otherwise(flights, k, timing)]
 
-    taken = -objective_of(point, unknowns, own_walks(now))
-    likely: dict[tuple[str, bool], tuple[float, CommandTiming, np.ndarray]] = {}
+    likely = {_way(now): (likelihood(point, own_walks(now)), now, np.zeros(len(unknowns)))}
+    taken = likely[_way(now)][0]
     for timing in ways:
         try:
             own = own_walks(timing)
@@ -189,7 +196,7 @@ def _other_ways(
             if predicted_gain(near, bounded_step(near)) + near.log_posterior < taken - HOPELESS_LOSS:
                 continue
             there = maximise(point, unknowns, _otherwise(flights, k, timing), iterations=STEPS)[0].point
-            reached = -objective_of(there, unknowns, own)
+            reached = likelihood(there, own)
         except SmsidError as error:
             LOGGER.info("not %s: %s", timing.words, error)
             continue
@@ -197,9 +204,11 @@ def _other_ways(
         LOGGER.info("%s: %.1f, taken as %s: %.1f", timing.words, reached, now.words, taken)
         if _way(timing) not in likely or reached > likely[_way(timing)][0]:
             likely[_way(timing)] = reached, timing, step
-    shares = softmax([taken, *(x for x, _, _ in likely.values())])[1:]
+    # straight lines and curves are hardly two: together they are as likely before as what is held
+    alike = Counter(hold in VARYING for hold, _ in likely)
+    shares = softmax([x - np.log(alike[t.hold in VARYING]) for x, t, _ in likely.values()])
     told = zip(likely.values(), shares, strict=True)
-    return [(t, float(share), step) for (_, t, step), share in told if share > NEGLIGIBLE_SHARE]
+    return [(t, float(x), step) for (_, t, step), x in told if t is not now and x > NEGLIGIBLE_SHARE]
 
 
 def _way(timing: CommandTiming) -> tuple[str, bool]:

@@ -38,6 +38,8 @@ def turn_between(a: FloatArray, b: FloatArray) -> FloatArray:
 
 SIGN_REACH = 3
 """Rows back among which a row's sign is compared with the nearest attitude: two wild ones decide nothing."""
+STRAY = 3.0
+"""Times the usual turn from row to row, beyond which the row before may be wild; of a fast spin, none is."""
 
 
 def continuous(q: FloatArray) -> FloatArray:
@@ -54,7 +56,8 @@ def continuous(q: FloatArray) -> FloatArray:
     alike = np.zeros((SIGN_REACH, good.size))  # cosines of half the turn from rows 1, 2, ... before
     for k in range(min(SIGN_REACH, good.size - 1)):
         alike[k, k + 1 :] = np.einsum("ij,ij->i", rows[k + 1 :], rows[: -k - 1])
-    nearest = np.argmax(np.abs(alike), axis=0)
+    turn = np.arccos(np.minimum(np.abs(alike[0]), 1.0))
+    nearest = np.where(turn > STRAY * np.median(turn[1:]), np.argmax(np.abs(alike), axis=0), 0)
     place = np.arange(good.size)
     signs = np.where(alike[nearest, place] < 0.0, -1.0, 1.0)
     before = np.maximum(place - 1 - nearest, 0)

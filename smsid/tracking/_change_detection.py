@@ -121,6 +121,8 @@ class ChangeDetector:
         self._starts: list[JumpStart] = []
         self._last, self._number, self._next = -np.inf, 0, -np.inf
         self._size, self._between = 1.0, False
+        self._held = self.tracker.time if self.tracker.moving else np.nan  # of one that was read from a file
+        self._lost = self.tracker.log.counts.get("lost", 0)
         self._alarm: float | None = None
         self._found: _Found | None = None
         self._runs = JumpRuns(self.every)
@@ -149,7 +151,10 @@ class ChangeDetector:
             self._starts, self._alarm, self._found = [], None, None
             self._runs.passes.clear()
             self._next = update.time + WARM
-            self._between = bool(np.isfinite(self._last))
+            before = self._last if np.isfinite(self._last) else self._held
+            lost = self.tracker.log.counts.get("lost", 0)
+            self._between = abs(update.time - before - passed) > CLOCK and lost == self._lost
+            self._lost = lost
         self._last = update.time
         f = self.tracker.filter
         ends = update.time >= f.time - CLOCK  # of a pass: the filter is where this update is
@@ -339,7 +344,7 @@ class ChangeDetector:
             jumps=jumps,
             sigmas=sigmas,
             between=found.start.between and run.onset <= found.start.time + CLOCK,
-            explained=run.left <= UNEXPLAINED,
+            explained=run.left <= UNEXPLAINED * max(1.0, self._size),
         )
 
     def _take(self, found: _Found, number: int) -> None:

@@ -49,3 +49,11 @@ def test_signs_run_on_past_missing_rows_and_wild_ones():
     good = np.setdiff1d(np.arange(200), [20, 21, 50, 51, 90, 120])
     np.testing.assert_array_equal(continuous(read)[good], q[good])
     assert np.isnan(continuous(read)[[20, 21, 90]]).all()
+
+
+def test_a_fast_spin_runs_on_as_it_does():
+    """More than a right angle from row to row: three rows back is nearer than the row before."""
+    for turn in np.radians([60.0, 95.0, 120.0, 150.0, 170.0]):
+        half = 0.5 * turn * np.arange(60)
+        q = np.stack([0.0 * half, 0.0 * half, np.sin(half), np.cos(half)], axis=1)
+        np.testing.assert_array_equal(continuous(q * np.resize([1.0, 1.0, -1.0], 60)[:, None]), q)
