@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from smsid.arm._level import Level
 from smsid.arm.columns import joint_angle
 from smsid.arm.joint_torques import block_means
+from smsid.arm.level import Level
 from smsid.arm.regression import Projection, correlation_lags
 from smsid.effects import BaseTilt
 from smsid.effects.external import tilt_of

@@ -21,9 +21,9 @@ from smsid.arm._friction_shape import (
     usual_shape,
     with_shape_columns,
 )
-from smsid.arm._level import Level
 from smsid.arm._smooth_motion import SmoothMotion
 from smsid.arm.joint_torques import JointTorques, acts_on, blocks_near_rest
+from smsid.arm.level import Level
 from smsid.arm.regression import JointRegression, solve_joints
 from smsid.description import Description
 from smsid.effects import Effect

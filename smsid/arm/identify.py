@@ -13,12 +13,12 @@ import numpy as np
 
 from smsid._short_repr import short_repr
 from smsid.arm._friction_shape import FrictionShape, shape_notes, shape_values, with_found_shapes
-from smsid.arm._level import SHOWN, Level, with_gravity
 from smsid.arm._smooth_motion import SmoothMotion, joined_motion, smooth_motion
 from smsid.arm._solve import IN_STEP, AngleDelay, delay_note, settled_load, solve_equations, torque_means
 from smsid.arm.columns import JointStates, effect_columns
 from smsid.arm.comparison import JudgedArm, TorqueComparison
 from smsid.arm.joint_torques import JointTorques, block_length, joint_torques
+from smsid.arm.level import SHOWN, Level, with_gravity
 from smsid.arm.readings import measured_channel, without_turns
 from smsid.arm.regression import JointRegression
 from smsid.arm.setup import with_held_joints

@@ -6,7 +6,7 @@ coloured and larger while the arm moves.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +54,7 @@ def recorded(
     late: float = 0.0,
     gain: tuple[int, float] | None = None,
     noise: float = NOISE,
+    gravity: Sequence[float] | np.ndarray | None = None,
     name: str = "arm",
     role: str = "estimation",
 ) -> Recording:
@@ -68,13 +69,14 @@ def recorded(
         late: by how much the torque signal lags the angles [s].
         gain: a joint and the factor of its torque signal.
         noise: standard deviation of the torque signal [N m].
+        gravity: (3,) in the axes of its base [m/s^2]; by default as described.
         name: of the recording.
         role: of the recording.
     """
     rng = np.random.default_rng(seed)
     arm = described()
     spec = mujoco.MjSpec.from_file(str(arm.folder / arm.urdf))
-    spec.option.gravity = list(arm.gravity)
+    spec.option.gravity = list(arm.gravity if gravity is None else gravity)
     if payload:
         held = spec.bodies[-1].add_body(name="held", pos=[0.0, 0.0, 0.0])
         held.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.02, 0, 0], mass=payload)

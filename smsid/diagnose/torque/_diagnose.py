@@ -15,7 +15,7 @@ from smsid.diagnose.specification_tests import SpecificationTest
 from smsid.diagnose.thresholds import THRESHOLDS
 from smsid.diagnose.torque._dependence import dependences
 from smsid.diagnose.torque._equations import TorqueEquations, require_excitation, torque_equations
-from smsid.diagnose.torque._fit import TorqueFit, moved_value, term_columns
+from smsid.diagnose.torque._fit import TorqueFit, moved_values, term_columns
 from smsid.diagnose.torque._known import described_values, extended_description, links_known, prior_of
 from smsid.diagnose.torque.candidates import torque_candidates
 from smsid.diagnose.torque.search import LEVELS, TorqueCause, TorqueSearch, search_torques
@@ -163,16 +163,16 @@ def cause_of(found: TorqueSearch, cause: TorqueCause, *, shaped: bool = True) ->
     """
     own = cause.term.candidate
     values, sigma = found.values.term_values(cause.term)
-    nominal = None
+    nominal: dict[str, float] = {}
     if own.moves:
-        values = values + moved_value(cause.term)
+        values = values + moved_values(cause.term)
+        if own.moves == "tilt":
+            nominal = dict.fromkeys(cause.term.names, 0.0)
         described = found.nominal.equations.description.effect
-        nominal = next(
-            (p.value for e in described for p in e.parameters() if p.name == cause.term.names[0]), None
-        )
+        nominal |= {p.name: p.value for e in described for p in e.parameters()}
     units = [own.units[i] for i in cause.term.kept]
     parameters = tuple(
-        Value(n, float(x), float(s), u, nominal)
+        Value(n, float(x), float(s), u, nominal.get(n))
         for n, x, s, u in zip(cause.term.names, values, sigma, units, strict=True)
     )
     siblings = [s for s, _ in cause.aliases if is_sibling(s.candidate, own)]

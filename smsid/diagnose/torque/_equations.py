@@ -9,12 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from smsid.arm.identify import rigid_arm, structural_base, torque_rows
+from smsid.arm.level import gravity_slopes, with_gravity
 from smsid.arm.motion import ArmMotion, even_readings, joint_motion, measured_states
 from smsid.arm.near_rest import near_rest
 from smsid.description import Description
+from smsid.effects.external import tilt_of
 from smsid.errors import RecordingError
 from smsid.identify.robust import white_sigma
 from smsid.model.identifiable import BaseParameters
+from smsid.model.regressor import Regressor
 from smsid.model.spacecraft import SpacecraftModel
 from smsid.recording import Recording
 from smsid.sensing.filters import zero_phase
@@ -93,6 +96,20 @@ class TorqueEquations:
                 out += rows[:, :, self.base.independent] / (2.0 * way)
             self.turns[joint] = out
         return self.turns[joint]
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """The angles (2,) by which described gravity leans in these equations [rad]."""
+        tilt = tilt_of(self.description.effect)
+        return np.zeros(2) if tilt is None else np.array([tilt.x, tilt.y])
+
+    @cached_property
+    def lean(self) -> np.ndarray:
+        """The derivative of the links' fine rows by these angles (N, joints, links, 2)."""
+        q, still = self.motion.q, np.zeros_like(self.motion.v)
+        slopes = gravity_slopes(np.asarray(self.description.gravity), self.tilt)
+        rows = [Regressor(with_gravity(self.model, g)).torque(q, still, still) for g in slopes.T]
+        return np.stack(rows, axis=-1)
 
     @cached_property
     def near_rest(self) -> np.ndarray:

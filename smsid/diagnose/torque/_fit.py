@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,10 +21,22 @@ FLOOR = 1e-9
 
 @dataclass(frozen=True)
 class TorquePrior:
-    """What is known of the combinations before: ``mean`` and ``sigma`` (b,), infinite where nothing is."""
+    """What is known of the combinations before: ``mean`` and ``sigma`` (b,), infinite where nothing is.
+
+    ``named`` has both by the combination's name.
+    """
 
     mean: np.ndarray
     sigma: np.ndarray
+    named: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def on(self, equations: TorqueEquations) -> TorquePrior:
+        """Return what is known of the combinations of other equations, by name: in a tilt more shows."""
+        names = equations.base.names
+        if not self.named or (tuple(self.named) == names and len(names) == len(self.mean)):
+            return self
+        both = np.array([self.named.get(n, (0.0, np.inf)) for n in names])
+        return replace(self, mean=both[:, 0], sigma=both[:, 1])
 
     @property
     def known(self) -> np.ndarray:
@@ -232,16 +244,16 @@ def effects_of(found: TorqueFit) -> tuple[Effect, ...]:
     for term in found.terms:
         effect = term.candidate.effect
         assert effect is not None
-        if term.candidate.moves:  # the equations were made with it: what is left of it is nil
-            names.append(effect.name)
-            made[effect.name] = effect
-            continue
         here = made.get(effect.name, effect)
+        if term.candidate.moves:  # the equations were made with it: what is left of it is little
+            here = effect
         if term.candidate.shape == "stribeck":
             curve = ("stribeck_rate", "stribeck_exponent")  # of the columns it was fitted by
             here = here.model_copy(update={key: getattr(effect, key) for key in curve})
         bounds = {p.name: (p.lower, p.upper) for p in here.parameters()}
         values, _ = found.term_values(term)
+        if term.candidate.moves:
+            values = values + moved_values(term)
         own = {
             n: float(np.clip(v, *bounds[n])) for n, v in zip(term.names, values, strict=True) if n in bounds
         }
@@ -251,19 +263,20 @@ def effects_of(found: TorqueFit) -> tuple[Effect, ...]:
 
 
 def with_equations(term: TorqueTerm, equations: TorqueEquations) -> TorqueTerm:
-    """Return a joint's zero, or the clock, as a term of equations made with it."""
+    """Return a joint's zero, the clock or the tilt as a term of equations made with it."""
     effect = term.candidate.effect
     assert effect is not None
     if term.candidate.moves == "clock":
         effect = effect.with_values({term.names[0]: equations.late})
-    elif term.candidate.moves == "zero":
+    elif term.candidate.moves:
         listed = {e.name: e for e in equations.description.effect}
         effect = listed.get(effect.name, effect)
     return replace(term, candidate=replace(term.candidate, effect=effect))
 
 
-def moved_value(term: TorqueTerm) -> float:
-    """Return the value that the equations were made with of a term that moves them [rad or s]."""
+def moved_values(term: TorqueTerm) -> np.ndarray:
+    """Return the values (d,) that the equations were made with of a term that moves them [rad or s]."""
     effect = term.candidate.effect
     assert effect is not None
-    return next(p.value for p in effect.parameters() if p.name == term.names[0])
+    values = {p.name: p.value for p in effect.parameters()}
+    return np.array([values[n] for n in term.names])

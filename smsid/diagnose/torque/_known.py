@@ -74,7 +74,8 @@ def prior_of(
             "links are identified along with the causes, so that a payload, a wrong link or the gain of a "
             "torque signal cannot be told from them; an estimate made before makes them candidates"
         )
-    return TorquePrior(mean, sigma), sentence, tuple(notes)
+    named = dict(zip(names, zip(mean.tolist(), sigma.tolist(), strict=True), strict=True))
+    return TorquePrior(mean, sigma, named), sentence, tuple(notes)
 
 
 def links_known(equations: TorqueEquations, prior: TorquePrior) -> bool:

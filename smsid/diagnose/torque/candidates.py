@@ -20,6 +20,7 @@ from smsid.diagnose.score_test import linear_torques
 from smsid.diagnose.torque._equations import TorqueEquations
 from smsid.effects import (
     ActuatorDelay,
+    BaseTilt,
     BodyError,
     Effect,
     JointCable,
@@ -34,6 +35,7 @@ from smsid.effects import (
     catalogue,
 )
 from smsid.effects.base import AXES
+from smsid.effects.external import tilt_of
 from smsid.effects.friction_law import LAW_OF_SHAPE, SIMPLER, STRIBECK_RATES, fields_of
 from smsid.effects.payload import point_parameters
 from smsid.errors import SmsidError
@@ -50,7 +52,7 @@ DRAGS = ("quadratic", "cubic")
 SIMPLE = ("viscous", "coulomb", "motor inertia", "constant torque")
 """Shapes a joint is tried with first; all others must explain more than these would."""
 
-Moves = Literal["", "zero", "clock"]
+Moves = Literal["", "zero", "clock", "tilt"]
 Columns = Callable[[TorqueEquations, np.ndarray], np.ndarray]
 """From the equations and the torque (N, joints) that the model predicts on the motion's instants to torques
 (N, joints, d) per unit of each parameter."""
@@ -61,8 +63,8 @@ class TorqueCandidate:
     """One effect at one place, with the parameters ``names`` it frees and their torque columns.
 
     ``lower`` are their bounds, ``grid`` counts variants searched (for the correction), ``needs`` is the place
-    of the parameter without which it is nothing of its own. ``moves`` says what the
-    equations have to be made again with: a joint's ``zero`` or the ``clock`` of the angles.
+    of the parameter without which it is nothing of its own. ``moves`` says what the equations have to be made
+    again with: a joint's ``zero``, the ``clock`` of the angles or the base's ``tilt``.
     """
 
     kind: str
@@ -115,6 +117,7 @@ def torque_candidates(
     source = measured_channel(recording, "joint_position").partition(".")[0]
     clock = TimeOffset(name=_name("time_offset", source), sensor=source)
     found.append(_one(equations, source, "time offset", clock, ["offset"], _slope, moves="clock"))
+    found += _tilts(equations)
     if known:
         found += _bodies(equations)
     found += _users(equations)
@@ -234,6 +237,26 @@ def _zero_columns(j: int) -> Columns:
         return (e.slope(j) @ beta)[:, :, None]
 
     return columns
+
+
+def _tilts(equations: TorqueEquations) -> Iterator[TorqueCandidate]:
+    """Gravity that leans in the base's axes: of the links that torques tell, the others as described."""
+    description = equations.description
+    if not np.any(description.gravity):
+        return
+    links = Regressor(equations.model).parameters
+    described = np.append(links, np.zeros(equations.base.matrix.shape[1] - len(links)))
+
+    def columns(e: TorqueEquations, load: np.ndarray) -> np.ndarray:
+        beta = np.linalg.lstsq(e.fine.reshape(-1, e.fine.shape[2]), load.ravel(), rcond=1e-9)[0]
+        theta = described + np.linalg.pinv(e.base.matrix) @ (beta - e.base.matrix @ described)
+        return np.einsum("njla,l->nja", e.lean, theta[: len(links)])
+
+    there = {e.name for e in description.effect}
+    tilt = tilt_of(description.effect) or BaseTilt(name=free_name("base_tilt", there))
+    bodies = (f.name for f in equations.model.pin.frames if f.type == pin.FrameType.BODY)
+    root = next(bodies, "universe")
+    yield _one(equations, root, "gravity that leans", tilt, ["x", "y"], columns, moves="tilt")
 
 
 def _couplings(equations: TorqueEquations, joints: tuple[str, str]) -> Iterator[TorqueCandidate]:

@@ -17,7 +17,7 @@ from smsid.diagnose.torque._fit import (
     TorquePrior,
     TorqueTerm,
     fit_torques,
-    moved_value,
+    moved_values,
     refit_as_identification,
     with_equations,
 )
@@ -35,8 +35,8 @@ from smsid.diagnose.torque.whitening import CLUSTERS
 from smsid.recording import Recording
 
 LOGGER = logging.getLogger(__name__)
-SETTLED = {"zero": 1e-3, "clock": 1e-4}
-"""A joint's zero [rad] or a clock [s] further off than this has the equations made again."""
+SETTLED = {"zero": 1e-3, "clock": 1e-4, "tilt": 1e-4}
+"""A joint's zero [rad], a clock [s] or a tilt [rad] further off than this has the equations made again."""
 
 
 LEVELS = DetectionThresholds(block=THRESHOLDS.torque_block, alias=THRESHOLDS.torque_alias)
@@ -176,7 +176,7 @@ def _beside_all(
         c
         for c in candidates
         if c.key not in named
-        and set(c.joints) & set(own.candidate.joints)
+        and (set(c.joints) & set(own.candidate.joints) or "tilt" in {c.moves, own.candidate.moves})
         and len(c.joints) <= len(own.candidate.joints)
     ]
     best: dict[tuple[str, str, str], tuple[TorqueScore, float]] = {}
@@ -195,25 +195,27 @@ def _refit_causes(
     causes: list[TorqueCause],
     recording: Recording | Sequence[Recording],
 ) -> tuple[list[TorqueCause], TorqueFit]:
-    """Fit all causes; where a joint's zero is among them, on equations made with it, until it stays."""
+    """Fit all causes; those that move the equations, on equations made with them, until they stay."""
     equations = current.equations
     for _ in range(5):
         load = current.load if current.equations is equations else None
         terms = [c.term for c in causes]
-        current = fit_torques(equations, current.prior, terms, current.whitening, load=load)
+        prior = current.prior.on(equations)
+        current = fit_torques(equations, prior, terms, current.whitening, load=load)
         moving = [c.term for c in causes if c.term.candidate.moves]
-        shifts = [(t, float(current.term_values(t)[0][0])) for t in moving]
-        if all(abs(x) < SETTLED[t.candidate.moves] for t, x in shifts):
+        shifts = [(t, current.term_values(t)[0]) for t in moving]
+        if all(np.all(np.abs(x) < SETTLED[t.candidate.moves]) for t, x in shifts):
             break
-        late, zeros = equations.late, []
+        late, moved = equations.late, []
         for term, shift in shifts:
             if term.candidate.moves == "clock":
-                late += shift
+                late += float(shift[0])
             else:
                 effect = instance(term.candidate, equations.description.effect)
-                zeros.append(effect.with_values({term.names[0]: moved_value(term) + shift}))
+                values = (moved_values(term) + shift).tolist()
+                moved.append(effect.with_values(dict(zip(term.names, values, strict=True))))
         equations = torque_equations(
-            equations.description.with_effects(*zeros),
+            equations.description.with_effects(*moved),
             recording,
             cutoff=equations.motion.cutoff,
             band=equations.band,
@@ -245,18 +247,20 @@ def _backward_elimination(
             load = equations.motion.torque
         causes = [c for c in causes if c is not causes[worst]]
         terms = [c.term for c in causes]
-        current = fit_torques(equations, current.prior, terms, current.whitening, load=load)
+        prior = current.prior.on(equations)
+        current = fit_torques(equations, prior, terms, current.whitening, load=load)
     return causes, current
 
 
 def _moved_back(
     equations: TorqueEquations, cause: TorqueCause, recording: Recording | Sequence[Recording]
 ) -> TorqueEquations:
-    """Return the equations without what a joint's zero or the clock moved them by."""
+    """Return the equations without what a joint's zero, the clock or the tilt moved them by."""
     own = cause.score.candidate
     assert own.effect is not None
     clock = own.moves == "clock"
-    description = equations.description if clock else equations.description.with_effects(own.effect)
+    described = equations.description
+    description = described if clock else described.with_effects(own.effect)
     late = 0.0 if clock else equations.late
     cutoff, band = equations.motion.cutoff, equations.band
     return torque_equations(description, recording, cutoff=cutoff, band=band, late=late)
@@ -284,7 +288,7 @@ def _chance(
     index = [current.names.index(n) for n in cause.term.names]
     x, covariance = current.x[index], current.covariance[np.ix_(index, index)]
     if cause.term.candidate.moves:
-        x = x + moved_value(cause.term) - moved_value(TorqueTerm(cause.score.candidate, cause.term.kept))
+        x = x + moved_values(cause.term) - moved_values(TorqueTerm(cause.score.candidate, cause.term.kept))
     if _is_below_stamps(cause.term.candidate, x, current.equations):
         return 1.0
     wald = float(x @ np.linalg.pinv(covariance) @ x)

@@ -30,6 +30,15 @@ def with_gravity(model: SpacecraftModel, gravity: np.ndarray) -> SpacecraftModel
     return replace(model, pin=turned, data=turned.createData(), source=None)
 
 
+def gravity_slopes(gravity: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """Return the change (3, 2) [m/s^2 per rad] of gravity (3,) by the angles of a tilt (2,) [rad]."""
+    both = (
+        (tilted_gravity(gravity, *(tilt + d)) - tilted_gravity(gravity, *(tilt - d))) / (2.0 * DIFFERENCE)
+        for d in DIFFERENCE * np.eye(2)
+    )
+    return np.column_stack(list(both))
+
+
 @dataclass(frozen=True)
 class Level:
     """The equations of an arm by the tilt of its base.
@@ -72,7 +81,4 @@ class Level:
         """Return torques (B, nv, 2) [N m/rad] per angle of a tilt (2,), of base parameters x (b,)."""
         links = base.independent < self.unit.shape[2]
         per_axis = np.einsum("bjla,l->bja", self.unit[:, :, base.independent[links]], x[links])
-        slopes = [
-            (self.at(tilt + d) - self.at(tilt - d)) / (2.0 * DIFFERENCE) for d in DIFFERENCE * np.eye(2)
-        ]
-        return per_axis @ np.column_stack(slopes)
+        return per_axis @ gravity_slopes(self.gravity, np.asarray(tilt, dtype=float))
