@@ -138,7 +138,7 @@ def test_an_estimate_goes_into_a_panel_that_softens():
 def test_parameters_begin_and_end_at_corrected_modes():
     described = paper().with_effects(*ERRORS, SOFT)
     at = Parameters.of(build_model(described))
-    assert at["panel.mode1.frequency"] == pytest.approx(0.95 * 0.0456957, rel=1e-5)
+    assert at.scalar("panel.mode1.frequency") == pytest.approx(0.95 * 0.0456957, rel=1e-5)
     linear, _ = linear_appendages(described)
     again, _ = linear_appendages(at.description())
     np.testing.assert_allclose(accelerations(again), accelerations(linear), rtol=1e-10)
