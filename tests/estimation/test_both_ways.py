@@ -48,7 +48,7 @@ def by_batch(recording, changes: dict[str, float]) -> float:
         piece = with_switch_times(piece)
         local = replace(local, switch=switch_times(piece))
     described = Parameters.of(twin.model())
-    at = described.with_scalars({n: described[n] * x for n, x in changes.items()})
+    at = described.with_scalars({n: described.scalar(n) * x for n, x in changes.items()})
     while True:
         found = minimise(
             [piece], SearchPoint(at, (local,)), Prior(described, None), np.arange(described.size)
@@ -67,7 +67,7 @@ def by_filter(recording, changes: dict[str, float]) -> float:
     """
     described = Parameters.of(twin.model())
     changed = Point.of(
-        described.with_scalars({n: described[n] * x for n, x in changes.items()}).description()
+        described.with_scalars({n: described.scalar(n) * x for n, x in changes.items()}).description()
     )
     model = replace(changed, inertial=dict.fromkeys(BUS_INERTIA, HELD)).model()
     sensors = twin.description().effective_sensors()
