@@ -317,7 +317,9 @@ class Recording(ByName[FloatArray], ShortRepr):
     def resampled(self, rate_or_times: float | ArrayLike) -> Recording:
         """Bring all channels to one clock, linearly between samples, quaternions by slerp.
 
-        Nothing is extrapolated, and nothing is filtered: low-pass first when going to a lower rate.
+        Nothing is extrapolated, and nothing is filtered: low-pass first when going to a lower rate. Commands
+        are held where the recording says so (``inputs`` in its provenance), or where they step; whether they
+        still are between the new samples is said no more where a sample of theirs is lost.
 
         Args:
             rate_or_times: a rate [Hz], from the first to the last time that all clocks cover; or (M,) times
@@ -330,6 +332,9 @@ class Recording(ByName[FloatArray], ShortRepr):
         times = resampling.new_times(self, rate_or_times)
         channels = resampling.interpolate_channels(self, times)
         built = self._rebuilt(times, channels, self.labels, self.units)
+        if not resampling.keeps_knots(self, times):
+            kept = {key: value for key, value in self.provenance.items() if key != "inputs"}
+            built = built._with_header(provenance=kept)
         return built._with_step({"resampled": {"start": float(times[0]), "samples": int(times.size)}})
 
     def with_channels(

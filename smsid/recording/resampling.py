@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 MOST_SAMPLES = 1e8  # 32 hours at 1 kHz
+SAME_TIME = 1e-6  # share of a command's sample by which times may differ that are the same
 
 
 def new_times(recording: Recording, rate_or_times: float | ArrayLike) -> FloatArray:
@@ -56,8 +57,10 @@ def new_times(recording: Recording, rate_or_times: float | ArrayLike) -> FloatAr
 def interpolate_channels(recording: Recording, times: FloatArray) -> dict[str, FloatArray]:
     """Interpolate every channel at ``times`` (M,) [s], or raise `RecordingError`.
 
-    Commands that step are held, as a computer holds them: a valve is open or shut, never half.
+    Commands are held or go on in straight lines as the recording says; where it does not, those that step
+    are held, as a computer holds them: a valve is open or shut, never half.
     """
+    said = recording.provenance.get("inputs")
     channel_checks.check_finite(recording)
     channel_checks.check_quaternions(recording)
     for clock, own in recording.times().items():
@@ -67,11 +70,29 @@ def interpolate_channels(recording: Recording, times: FloatArray) -> dict[str, F
         own, values = recording.time(name), recording[name]
         if quantity_of(name, unit=recording.unit(name)).is_quaternion:
             channels[name] = slerp(own, values, times)
-        elif name.startswith("command.") and own.size > 1 and switches(values):
+        elif _is_command(name) and own.size > 1 and (said == "held" if said else switches(values)):
             channels[name] = values[np.searchsorted(own, times + 1e-9 * np.median(np.diff(own)), "right") - 1]
         else:
             channels[name] = linear(own, values, times)
     return channels
+
+
+def keeps_knots(recording: Recording, times: FloatArray) -> bool:
+    """Whether commands that are sampled at ``times`` (M,) [s] still act between samples as before: where all
+    of their own samples in that span are among these.
+    """
+    for name in filter(_is_command, recording.channels):
+        own = recording.time(name)
+        inside = own[(own >= times[0]) & (own <= times[-1])]
+        k = np.clip(np.searchsorted(times, inside), 1, times.size - 1) if times.size > 1 else 0
+        nearest = np.minimum(np.abs(times[k] - inside), np.abs(times[np.maximum(k - 1, 0)] - inside))
+        if own.size > 1 and np.any(nearest > SAME_TIME * np.median(np.diff(own))):
+            return False
+    return True
+
+
+def _is_command(name: str) -> bool:
+    return name.startswith("command.")
 
 
 def switches(values: FloatArray) -> bool:

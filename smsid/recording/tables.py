@@ -67,6 +67,8 @@ def mapping_text(
             table["labels"] = known
         channels[channel] = table
     head = {"name": recording.name, "role": recording.role}
+    if (inputs := recording.provenance.get("inputs")) in ("held", "linear"):
+        head["inputs"] = inputs
     return with_sum(tomli_w.dumps({"recording": head, **clocks, "channel": channels}))
 
 

@@ -118,3 +118,19 @@ def test_a_valve_is_open_or_shut_at_any_rate():
         held = valve[np.floor(found.time() / 0.1 + 1e-6).astype(int)]
         assert np.array_equal(np.asarray(found["command.thruster"]).reshape(held.shape), held)
         assert np.abs(np.asarray(found["command.wheel_torque"])[:, 0] - np.sin(found.time())).max() < 2e-3
+
+
+@pytest.mark.parametrize(("said", "between"), [("held", 0.0), ("linear", 0.05)])
+def test_commands_go_on_as_the_recording_says(said, between):
+    """A torque that varies, on a clock of 10 Hz; what it says holds as long as no sample of it is lost."""
+    times = 0.1 * np.arange(101)
+    recording = Recording.from_arrays(
+        times, {"command.wheel_torque": times[:, None] * np.ones(3)}, provenance={"inputs": said}
+    )
+    finer = recording.resampled(20.0)
+    torque = np.asarray(finer["command.wheel_torque"])[:, 0]
+    np.testing.assert_allclose(torque[::2], times, atol=1e-9)
+    np.testing.assert_allclose(torque[1::2], times[:-1] + between, atol=1e-9)
+    assert finer.provenance["inputs"] == said
+    assert "inputs" not in recording.resampled(15.0).provenance
+    assert "inputs" not in recording.resampled(5.0).provenance

@@ -30,11 +30,12 @@ def two_rates() -> Recording:
 def test_a_table_comes_back_as_it_was(suffix, tmp_path):
     if suffix == ".parquet":
         pytest.importorskip("pyarrow", reason="needs the extra parquet")
-    before = two_rates()
+    before = two_rates().with_provenance({"inputs": "held"})
     save_table(before, tmp_path / f"a{suffix}")
     after = import_recording(tmp_path / f"a{suffix}", parse_mapping(tomllib.loads(table_mapping(before))))
     assert set(after.channels) == set(before.channels)
     assert after.labels["joint"] == before.labels["joint"]
+    assert after.provenance["inputs"] == "held"
     for name in before.channels:
         np.testing.assert_array_equal(after.time(name), before.time(name))
         np.testing.assert_array_equal(after[name].reshape(before[name].shape), before[name])
