@@ -24,10 +24,10 @@ from smsid.recording import Recording, load_recording
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
 
-SPACECRAFT = "a spacecraft; smsid.load_spacecraft loads one"
-ESTIMATE = "an estimate; smsid.load_estimate loads one"
-RECORDING = "a recording; smsid.load_recording loads one, smsid.import_recording a log"
-EXPERIMENT = "an experiment; smsid.experiments.load_experiment loads one"
+SPACECRAFT = "a spacecraft", "smsid.load_spacecraft loads one"
+ESTIMATE = "an estimate", "smsid.load_estimate loads one"
+RECORDING = "a recording", "smsid.load_recording loads one, smsid.import_recording a log"
+EXPERIMENT = "an experiment", "smsid.experiments.load_experiment loads one"
 
 
 def given_spacecraft(given: Description | PathLike) -> Description:
@@ -36,13 +36,7 @@ def given_spacecraft(given: Description | PathLike) -> Description:
     Raises:
         DescriptionError: it is neither, or there is no such file.
     """
-    return _loaded(
-        given,
-        Description,
-        load_description,
-        DescriptionError,
-        SPACECRAFT,
-    )
+    return _loaded(given, Description, load_description, DescriptionError, SPACECRAFT)
 
 
 def given_recordings(given: Recording | PathLike | Iterable[Recording | PathLike]) -> list[Recording]:
@@ -94,13 +88,17 @@ def given_generator(seed: int) -> np.random.Generator:
 
 
 def _loaded(
-    given: Any, kind: type[T], load: Callable[[PathLike], T], error: type[SmsidError], called: str
+    given: Any,
+    kind: type[T],
+    load: Callable[[PathLike], T],
+    error: type[SmsidError],
+    called: tuple[str, str],
 ) -> T:
     if isinstance(given, kind):
         return given
     if isinstance(given, str | os.PathLike):
         return load(given)
-    thing, _, how = called.partition("; ")
+    thing, how = called
     raise error(f"{_told(given)} is not {thing}.", advice=f"Give the path of its file, or an object: {how}.")
 
 
