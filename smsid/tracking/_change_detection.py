@@ -38,7 +38,7 @@ SETTLING = 2.0  # [s] after an alarm, when the filter takes the jump in and it i
 AGAIN = 16.0  # [s] after that, when it is measured again
 MOST = 4  # groups that are tried
 BACK = 4.0  # [s] by which a jump may have begun before it is seen best: what grows since, as a phase does
-UNEXPLAINED = 1.5  # mean square of the innovations after a jump beyond which it is sought at other times
+UNEXPLAINED = 1.5  # mean square of innovations after a jump over that before, from which it is sought anew
 WARM = 10.0  # [s] after the motion begins in which no change is sought
 
 
@@ -88,17 +88,12 @@ class Change:
 
 @dataclass(eq=False)
 class _Found:
-    """A change that is in the filter, from where it is run, and when it is measured again [s]."""
+    """A change that is in the filter, and from where it is run."""
 
     change: Change
     start: JumpStart
     index: np.ndarray
     run: Rerun
-
-    def due(self, told: float) -> float:
-        """Return that time, after one [s]: soon, where so little data did not explain what is read."""
-        last = self.change.alarm + SETTLING + AGAIN
-        return last if self.run.left <= UNEXPLAINED else min(told + SETTLING, last)
 
 
 @dataclass(eq=False)
@@ -199,16 +194,17 @@ class ChangeDetector:
         if self._found is not None or not (self._starts and self._runs.passes):
             return False
         found = self._taken_in(self._last if self._alarm is None else self._alarm, max(1.0, self._size))
-        if found.run.left <= UNEXPLAINED:
+        explains = self._explains(found.run)
+        if explains:
             self._tell(found)
-        return found.run.left <= UNEXPLAINED
+        return explains
 
     def _tell(self, found: _Found) -> Change:
         """Let the filter go on with a change, and remember it."""
         self._take(found, len(self.changes))
-        if found.run.left <= UNEXPLAINED:
+        if self._explains(found.run):
             self.tracker.watch.go_back(found.start.watch)
-        self._found, self._due = found, found.due(self._last)
+        self._found, self._due = found, self._due_again(found, self._last)
         self.changes.append(self._with_size(found))
         return self.changes[-1]
 
@@ -279,7 +275,7 @@ class ChangeDetector:
         for group in order[:MOST]:
             worth, start, log_p = found[group]
             tried.append(self._try_jump(group, start, alarm, scale, log_p))
-            if tried[-1].run.left <= UNEXPLAINED:
+            if self._explains(tried[-1].run):
                 break
         best = min(tried, key=lambda x: x.run.left)  # runs may begin at different times
         best.run = self._runs.refined(
@@ -307,7 +303,7 @@ class ChangeDetector:
         base = max(earlier, key=lambda s: s.time, default=start)
         point = base.before.values[index] + jump
         best = self._runs.iterated(base, index, point, start.time)
-        if best is None or best.left > UNEXPLAINED:  # too large, or at another time
+        if best is None or not self._explains(best):  # too large, or at another time
             best = likeliest_run(best, self._runs.found_anew(base, index, point, start.time - grid, alarm))
         if best is None:  # lost in all of them: the filter goes on as it is, and knows the jump no better
             best = Rerun(self.tracker.filter, start.time, -np.inf, np.inf)
@@ -319,7 +315,7 @@ class ChangeDetector:
             return
         start, index, point = found.start, found.index, found.run.filter.values[found.index]
         run = self._runs.iterated(start, index, point, found.run.onset)
-        if found.run.left > UNEXPLAINED:  # by too little data: what was read since tells more
+        if not self._explains(found.run):  # by too little data: what was read since tells more
             alarm = found.change.alarm  # soon after what is as large
             run = likeliest_run(
                 run, self._runs.found_anew(start, index, point, alarm - 2 * self.every, alarm)
@@ -328,9 +324,20 @@ class ChangeDetector:
             found.run = self._runs.refined(start, index, run, min(found.run.grid, run.grid))
             self._take(found, len(self.changes) - 1)
         self.changes[-1] = self._with_size(found)
-        self._due = found.due(now)
+        self._due = self._due_again(found, now)
         if self._due <= now:
             self._starts, self._next, self._alarm, self._found = [], now + self.every, None, None
+
+    def _explains(self, run: Rerun) -> bool:
+        """Whether a run leaves little more than innovations were before the change."""
+        return run.left <= UNEXPLAINED * max(1.0, self._size)
+
+    def _due_again(self, found: _Found, told: float) -> float:
+        """Return when a change is measured again [s], after a time [s]: soon, where so little data did not
+        explain what is read.
+        """
+        last = found.change.alarm + SETTLING + AGAIN
+        return last if self._explains(found.run) else min(told + SETTLING, last)
 
     def _with_size(self, found: _Found) -> Change:
         """Return a change as the filter measures it now."""
@@ -344,7 +351,7 @@ class ChangeDetector:
             jumps=jumps,
             sigmas=sigmas,
             between=found.start.between and run.onset <= found.start.time + CLOCK,
-            explained=run.left <= UNEXPLAINED * max(1.0, self._size),
+            explained=self._explains(run),
         )
 
     def _take(self, found: _Found, number: int) -> None:

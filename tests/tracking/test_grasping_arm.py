@@ -115,6 +115,18 @@ def test_what_is_taken_up_between_recordings_is_there_from_the_second_ones_first
     assert tracker.watch.sentence == ""
 
 
+def test_noise_that_is_stated_too_small_makes_no_size_doubtful(arm):
+    """What is left after a change is held against what was left before it."""
+    (sensor,) = arm.sensor
+    errors = {q: e.model_copy(update={"noise_sigma": e.noise_sigma / 1.6}) for q, e in sensor.errors.items()}
+    quieter = arm.model_copy(update={"sensor": (sensor.model_copy(update={"errors": errors}),)})
+    history, _ = track_recordings(quieter, [flown(20.0, 0.5, np.random.default_rng(1))], false_alarms=0.1)
+    changes = [e.text for e in history.events if e.kind == "change"]
+    assert len(changes) == 1
+    assert "fore.mx by +0.15 +-" in changes[0]
+    assert "doubtful" not in changes[0]
+
+
 def test_a_warm_up_is_no_longer_than_one_value_each_explains(arm):
     recording = flown(20.0, 0.003, np.random.default_rng(1))  # so little that a search over it all ends
     point = Point.of(arm)
