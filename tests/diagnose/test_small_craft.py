@@ -6,6 +6,7 @@ from smsid.description import load_description
 from smsid.diagnose import diagnose
 from smsid.experiments import fly, named_experiment
 from smsid.model import build_model
+from tests.cube_satellite import cube
 
 URDF = """
 <robot name="small">
@@ -66,41 +67,9 @@ def test_nothing_is_found_where_nothing_is(tmp_path):
     assert found.verdict == "adequate", found.sentence
 
 
-SATELLITE = """
-schema = 1
-name = "cube"
-urdf = "cube.urdf"
-[[sensor]]
-name = "tracker"
-kind = "pose"
-rate = 5
-quantities = ["attitude"]
-errors.attitude = { noise_sigma = 5e-5 }
-[[sensor]]
-name = "gyro"
-kind = "imu"
-rate = 5
-quantities = ["angular_rate"]
-errors.angular_rate = { noise_sigma = 1e-4 }
-[[sensor]]
-name = "tachometer"
-kind = "tachometer"
-rate = 5
-errors.wheel_rate = { noise_sigma = 0.1 }
-""" + "".join(
-    f'[[wheel]]\nname = "w{k}"\naxis = {axis}\ninertia = 3e-5\nmax_torque = 0.01\n'
-    for k, axis in enumerate(([1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]))
-)
-
-
 def test_what_a_satellite_cannot_show_ends_nothing(tmp_path):
     """Attitude, gyro and wheels about a centre of mass at the origin: a leak there is not seen."""
-    (tmp_path / "cube.urdf").write_text(
-        '<robot name="cube"><link name="bus"><inertial><mass value="20"/>'
-        '<inertia ixx="0.35" iyy="0.42" izz="0.29" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
-    )
-    (tmp_path / "cube.toml").write_text(SATELLITE)
-    description = load_description(tmp_path / "cube.toml")
+    description = cube(tmp_path, (0.35, 0.42, 0.29))
     model = build_model(description)
     plan = named_experiment("exp2", model).model_copy(update={"duration": 60.0})
     recording = fly(model, plan, np.random.default_rng(0)).recording
